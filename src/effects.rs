@@ -401,6 +401,12 @@ impl Effect {
         self.null[0] == 0.0 && !shape.is_empty() && shape.iter().all(|null| *null != 0.0)
     }
 
+    /// Return whether the effect depends on the time since the start of the session.
+    #[must_use]
+    pub fn changes_over_session(&self) -> bool {
+        self.regressors.contains(&Regressor::Time)
+    }
+
     /// Return whether either effect lists the other one as similar.
     #[must_use]
     pub fn may_be_confused_with(&self, other: &Self) -> bool {

@@ -195,6 +195,23 @@ pub(super) fn p_value_of(before: &[f64], after: &[f64], count: usize, blocks: &B
     if f.is_finite() { f_tail(f, count as f64, freedom) } else { 1.0 }
 }
 
+/// Tail probability of the factor with which the data follow the change from the whitened residual `before` to `after`,
+/// from a few long `blocks` alone. Their effective number determines the degrees of freedom (Carter, Schnepel and
+/// Steigerwald, Review of Economics and Statistics 99, 2017).
+#[must_use]
+pub(super) fn p_value_by_long_blocks(before: &[f64], after: &[f64], blocks: &Blocks) -> f64 {
+    let change: Vec<f64> = before.iter().zip(after).map(|(b, a)| b - a).collect();
+    let energy = dot(&change, &change);
+    let factor = dot(&change, before) / energy;
+    let rest = without(std::slice::from_ref(&change), &[factor], before);
+    let of_blocks = |own: &[f64]| blocks.sums(std::slice::from_ref(&change), own);
+    let count = effective(of_blocks(&change).iter().map(|sum| sum[0]));
+    let score_squares: f64 = of_blocks(&rest).iter().map(|sum| sum[0] * sum[0]).sum();
+    let variance = count / (count - 1.0) * score_squares / (energy * energy);
+    let f = factor * factor / variance;
+    if 1.0 < count && f.is_finite() { f_tail(f, 1.0, count - 1.0) } else { 1.0 }
+}
+
 /// Hotelling's one-sample test of zero mean for the correlations of the columns with the residual, block by block.
 /// Every block has the same weight, independent of its residual.
 fn by_agreement(columns: &[Vec<f64>], residual: &[f64], blocks: &Blocks) -> (f64, f64) {
@@ -374,6 +391,40 @@ mod tests {
         assert!(p_value_of(&before, &after, 2, &blocks()) < 1e-20);
         assert!(p_value_of(&after, &after, 2, &blocks()) == 1.0, "nothing was removed");
         assert!(p_value_of(&after, &before, 2, &blocks()) == 1.0, "more than before");
+    }
+
+    /// Each of eight motions has an error of its own, along what a drift would change. A drift grows through all of them.
+    #[test]
+    fn errors_of_few_motions_are_no_drift_by_long_blocks() {
+        let long = Blocks { of_row: (0..ROWS).map(|row| row * 8 / ROWS).collect(), count: 8 };
+        let signature = |row: usize| (0.3 * row as f64).sin();
+        let drift: Vec<f64> =
+            (0..ROWS).map(|row| signature(row) * row as f64 / ROWS as f64).collect();
+        const TRIALS: usize = 300;
+        let (mut by_short, mut by_long, mut found) = (0, 0, 0);
+        for seed in 0..TRIALS as u64 {
+            let mut stream = Stream::new(seed, "motions");
+            let errors: Vec<f64> =
+                (0..8).map(|_| f64::from(stream.uniform_f32(-1.0, 1.0))).collect();
+            let white = noise(seed, 0.0);
+            let error = |row: usize| white[row] + errors[row * 8 / ROWS] * signature(row);
+            let p_values = |size: f64| {
+                let before: Vec<f64> =
+                    (0..ROWS).map(|row| error(row) + size * drift[row]).collect();
+                let columns = [drift.clone()];
+                let factors = least_squares(&columns, &before).unwrap();
+                let after = without(&columns, &factors, &before);
+                let short = p_value_of(&before, &after, 1, &blocks());
+                [short, p_value_by_long_blocks(&before, &after, &long)]
+            };
+            let [short, few] = p_values(0.0).map(|p_value| usize::from(p_value < 0.01));
+            by_short += short;
+            by_long += few;
+            found += usize::from(p_values(30.0)[1] < 1e-4);
+        }
+        assert!(TRIALS / 4 < by_short, "short blocks take errors of motions for drift: {by_short}");
+        assert!(by_long <= 12, "{by_long} of {TRIALS}");
+        assert_eq!(found, TRIALS, "a drift of thirty times the errors");
     }
 
     #[test]

@@ -130,7 +130,7 @@ pub(super) struct RequiredGain<'t> {
 impl<'t> RequiredGain<'t> {
     /// Required gains of the first effect from the reference residual of the given twin, the
     /// [`excess`] of `given` and `fitted` twin over it, and whether the residual is at its noise
-    /// `floor`. The discrepancy of the twin hardly applies to another motion.
+    /// `floor`. The discrepancy of the twin hardly applies to another motion, or to other parameter values.
     pub(super) fn new(
         thresholds: &'t Thresholds,
         (given, stage): (&'t Twin, StageKind),
@@ -139,9 +139,10 @@ impl<'t> RequiredGain<'t> {
     ) -> Self {
         let general = match floor {
             AtFloor::Yes(ratio) => thresholds.least_gain_at_floor(ratio),
-            AtFloor::No => thresholds.least_gain(excess, fitted),
+            AtFloor::No => thresholds.least_gain(fitted),
         };
-        let is_elsewhere = excess.is_some_and(|own| own.is_on_another_course(thresholds));
+        let is_elsewhere = !thresholds.is_at_reference(excess)
+            || excess.is_some_and(|own| own.is_on_another_course(thresholds));
         Self {
             thresholds,
             general,
@@ -315,12 +316,11 @@ impl Thresholds {
         excess.is_some_and(|excess| excess.new_fraction(self) < self.reference_excess)
     }
 
-    /// Fraction of the squared validation residual of the `fitted` twin that a change must remove, if the given twin has
-    /// this `excess`. At the reference, it is a fraction of the squared reference residual: smaller changes are model
-    /// errors.
-    pub(super) fn least_gain(&self, excess: Option<Excess>, fitted: Option<Excess>) -> f64 {
-        match fitted.filter(|_| self.is_at_reference(excess)) {
-            Some(fitted) => self.clear_gain / (1.0 + fitted.mean.min(0.0)).max(f64::MIN_POSITIVE),
+    /// Fraction of the squared validation residual of a twin with this `excess` that a change must remove. At the
+    /// reference, it is a fraction of the squared reference residual: smaller changes are model errors.
+    pub(super) fn least_gain(&self, excess: Option<Excess>) -> f64 {
+        match excess.filter(|_| self.is_at_reference(excess)) {
+            Some(own) => self.clear_gain / (1.0 + own.mean.min(0.0)).max(f64::MIN_POSITIVE),
             None => self.min_gain,
         }
     }
@@ -408,12 +408,12 @@ mod tests {
         assert!(!DEFAULT.is_at_reference(even(0.06)));
         // A twin without a search has no reference residual.
         assert!(!DEFAULT.is_at_reference(None));
-        let least = |given, fitted| DEFAULT.least_gain(given, fitted);
-        assert!(least(None, None) < least(even(0.0), even(0.0)));
-        assert_eq!(least(even(0.5), even(-0.5)), least(None, None));
+        let least = |excess| DEFAULT.least_gain(excess);
+        assert!(least(None) < least(even(0.0)));
+        assert_eq!(least(even(0.5)), least(None));
         // Where a refit leaves a quarter of the reference, an effect must remove the same of the reference.
-        assert_eq!(least(even(0.0), even(-0.75)), 4.0 * least(even(0.0), even(0.0)));
-        assert_eq!(least(even(0.04), even(0.04)), least(even(0.0), even(0.0)));
+        assert_eq!(least(even(-0.75)), 4.0 * least(even(0.0)));
+        assert_eq!(least(even(0.04)), least(even(0.0)));
     }
 
     #[test]
@@ -455,6 +455,13 @@ mod tests {
         let elsewhere = Excess { most: 0.0, least: -0.1, mean: -0.05 };
         let elsewhere = required_gain(StageKind::Drive, Some(elsewhere));
         assert_eq!(elsewhere.of(lag, &[1e-3]), DEFAULT.clear_gain / 0.95);
+        // Nor does it apply to changed parameters, and what they leave at the reference is not new.
+        let changed = |fitted| {
+            RequiredGain::new(&DEFAULT, (&twin, StageKind::Drive), (even(1e4), fitted), AtFloor::No)
+        };
+        assert_eq!(changed(even(0.0)).of(lag, &[1e-3]), DEFAULT.clear_gain);
+        assert!((changed(even(0.2)).of(lag, &[1e-3]) - 0.09).abs() < 1e-12);
+        assert_eq!(changed(even(0.2)).of(delay, &[1e-3]), DEFAULT.min_gain);
         // An effect added after a large one must exceed the model error of that one, unless the machine has no reference.
         let conditional = required_gain(StageKind::Drive, even(1.0)).in_addition_to(3.0, 2.0);
         assert!(

@@ -15,6 +15,10 @@ use super::{
 use crate::twin::{Machine, Slot, Stage, Twin};
 use std::sync::OnceLock;
 
+/// Number of the [long blocks](Problem::long_blocks) of a session: few, so that each contains whole motions, and enough for
+/// a variance.
+const LONG_BLOCKS: usize = 8;
+
 /// One stage of one session with its measurements.
 pub struct Part<'a> {
     /// Stage.
@@ -503,11 +507,24 @@ impl Problem<'_> {
     /// Block of each row, counted through all parts.
     #[must_use]
     pub(super) fn blocks(&self) -> Blocks {
+        self.blocks_of(|layout| layout.blocks)
+    }
+
+    /// The same with [`LONG_BLOCKS`] equal blocks in each part.
+    #[must_use]
+    pub(super) fn long_blocks(&self) -> Blocks {
+        self.blocks_of(|layout| layout.blocks.min(LONG_BLOCKS))
+    }
+
+    /// Blocks of each part: the blocks of its layout, evenly joined to `count` of them.
+    fn blocks_of(&self, count: impl Fn(&Layout) -> usize) -> Blocks {
         let mut blocks = Blocks::default();
         for part in &self.parts {
-            let rows = part.layout.rows.iter();
-            blocks.of_row.extend(rows.map(|row| blocks.count + row.block as usize));
-            blocks.count += part.layout.blocks;
+            let Layout { rows, blocks: all, .. } = &part.layout;
+            let own = count(&part.layout);
+            let joined = |block: u32| block as usize * own / (*all).max(1);
+            blocks.of_row.extend(rows.iter().map(|row| blocks.count + joined(row.block)));
+            blocks.count += own;
         }
         blocks
     }

@@ -61,7 +61,7 @@ pub fn search<'a>(data: &StageData<'a>, start: &Twin, task: Task) -> Outcome<'a>
         ..
     } = search;
     let twins = (start, &best.point.twin);
-    let least = train.thresholds().least_gain(excess, excess);
+    let least = train.thresholds().least_gain(excess);
     let is_better = is_better(&held_out, twins, &filters, least);
     if task != Task::Calibrate && added.is_empty() && !is_better {
         (best, filters) = with_nuisances_only(&train, &given, &slots);
@@ -350,10 +350,7 @@ impl Search<'_> {
         base: &Fit,
     ) -> RequiredGain<'s> {
         let thresholds = self.train.thresholds();
-        let fitted = thresholds
-            .is_at_reference(excess)
-            .then(|| self.excess_of(base, &self.validated_of(base)))
-            .flatten();
+        let fitted = self.excess_of(base, &self.validated_of(base));
         let stage = (&given.twin, self.kind);
         RequiredGain::new(thresholds, stage, (excess, fitted), self.at_floor(&given.twin, base))
     }

@@ -253,17 +253,25 @@ impl<'a, 'b> Bench<'a, 'b> {
 
     /// Probability of the gain by chance, corrected for all comparisons (Bonferroni): that of the screen. For an effect that
     /// removes most of the residual, twice that of its fit where that is smaller: such an effect is most of what the
-    /// screen takes for noise.
+    /// screen takes for noise. For an effect that changes over a session, at least that of its fit by long blocks: it is as
+    /// slow as the change from one motion to the next, and so are model errors, which each motion has of its own.
     pub(super) fn p_value(&self, trial: &Trial) -> f64 {
-        let screened = (trial.candidate.p_value * self.tries as f64).min(1.0);
+        let effect = trial.candidate.effect;
+        let tries = self.tries as f64;
+        let screened = (trial.candidate.p_value * tries).min(1.0);
         let (before, after) = (&self.base_train_rows, &trial.train_rows);
+        if effect.changes_over_session() {
+            let blocks = self.train.long_blocks();
+            let slow = evidence::p_value_by_long_blocks(before, after, &blocks);
+            return screened.max((tries * slow).min(1.0));
+        }
         let left = fit::squared(after) / fit::squared(before).max(f64::MIN_POSITIVE);
         if screened <= self.thresholds().family_error || 1.0 - left < self.thresholds().majority {
             return screened;
         }
-        let count = trial.candidate.effect.parameters.len();
+        let count = effect.parameters.len();
         let fitted = evidence::p_value_of(before, after, count, &self.train.blocks());
-        (2.0 * fitted * self.tries as f64).min(screened)
+        (2.0 * fitted * tries).min(screened)
     }
 
     /// Gain of the log score on the validation sessions under the residual variance that the trial leaves on the

@@ -302,9 +302,9 @@ impl Search<'_> {
     }
 
     /// Step whose joint intervals contain the values without the effect. Of several, and of those that may be confused with
-    /// it, which widen its intervals, the one without which the residual grows least. One that most of the residual needs
-    /// stays: correlated parameters may each be zero, but not all of them. Parameters that the data do not determine have
-    /// no interval.
+    /// it, which widen its intervals, the one without which the residual grows least. A single magnitude stays if it
+    /// explains most of the residual. Several parameters stay if the data require them jointly: each may be zero where
+    /// another one compensates. Parameters that the data do not determine have no interval.
     fn least_of_insignificant(&self, uncertainty: &Uncertainty) -> Option<ReducedFit> {
         let twin = &self.best.point.twin;
         let determined = |step: &Added| -> Vec<(usize, &Slot)> {
@@ -334,8 +334,9 @@ impl Search<'_> {
         let with = self.rows(&self.best);
         let kind = usize::from(!with[1].is_empty());
         let is_needed = |own: &ReducedFit| {
-            self.train.thresholds().majority <= own.gain(kind, &with)
-                && self.is_better_beyond_chance(&own.rows, &with)
+            let is_single = own.step.effect.null.len() == 1;
+            let least = if is_single { self.train.thresholds().majority } else { 0.0 };
+            least <= own.gain(kind, &with) && self.is_better_beyond_chance(&own.rows, &with)
         };
         let left = |own: &ReducedFit| fit::squared(&own.rows[0]);
         let reduced_fits = self.reduced_fits(&steps).into_iter();
@@ -544,9 +545,78 @@ mod tests {
     use super::*;
     use crate::{
         effects::{Axis, find},
-        gap::thresholds::Thresholds,
-        twin::Source,
+        gap::{
+            options::Context,
+            round::slots_of_last,
+            rounds::StageData,
+            test_stage::{CAMERA_NOISE_RMS, TestStage},
+            thresholds::Thresholds,
+        },
+        twin::{Source, StageKind},
     };
+    use std::f64::consts::TAU;
+
+    /// Nominal single axis with the effect called `name`, its first parameter at three scales and the others at null.
+    fn with_effect(name: &str) -> Twin {
+        let effect = find(name).unwrap();
+        let mut values = effect.null.to_vec();
+        values[0] = 3.0 * effect.parameters[0].scale;
+        let mut twin = Twin::nominal(Machine::Axis);
+        twin.instances.push(Instance::new(effect, Axis::Single, &values, Source::Fitted));
+        twin
+    }
+
+    /// Sine of 1 Hz with the amplitude of the noise. At three scales it hardly depends on the magnitude of the effect.
+    fn saturated(twin: &Twin, time: f64) -> f64 {
+        let nominal = Twin::nominal(Machine::Axis).instances.len();
+        let scaled = |own: &Instance| own.values[0].value / own.effect.parameters[0].scale;
+        let magnitude = twin.instances.get(nominal).map_or(0.0, scaled);
+        CAMERA_NOISE_RMS * magnitude.tanh() * (TAU * time).sin()
+    }
+
+    /// The interval of a magnitude in saturation contains zero, although the effect explains a third of the residual.
+    #[test]
+    fn several_parameters_are_judged_by_the_residual_without_them() {
+        let remains = |name: &str| {
+            let twin = with_effect(name);
+            let stages = [1, 2].map(|seed| TestStage::camera(&twin, saturated, seed));
+            let data = StageData {
+                kind: StageKind::Camera,
+                train: vec![&stages[0]],
+                held_out: vec![&stages[1]],
+                witnesses: vec![],
+                companions: vec![],
+                predecessors: vec![],
+                held: vec![],
+                may_be_disturbed: false,
+                context: Context::default(),
+            };
+            let (mut search, _) = Search::opened(&data, &twin);
+            search.best.point.twin = twin.clone();
+            search.best.slots = slots_of_last(&twin);
+            search.added = vec![Added {
+                effect: find(name).unwrap(),
+                axis: Axis::Single,
+                scanned: None,
+                p_value: 1e-6,
+                statistic: 30.0,
+                data: String::new(),
+                comparisons: 1,
+                log_score: None,
+                validation_gain: 0.3,
+                indistinguishable: vec![],
+                has_rival: false,
+                held_out_steps: (vec![], vec![]),
+                unstated: None,
+                ranking: vec![],
+                estimates: vec![],
+            }];
+            search.eliminate_insignificant();
+            !search.added.is_empty()
+        };
+        assert!(remains("drive.friction.presliding"));
+        assert!(!remains("drive.lag1"), "its only parameter may be zero");
+    }
 
     #[test]
     fn a_known_parameter_on_its_bound_is_found_unless_it_has_no_effect_there() {

@@ -98,7 +98,7 @@ impl Search<'_> {
         let thresholds = self.train.thresholds();
         let is_wanted = thresholds.is_in(&before[0], &after[0], &self.train.blocks())
             && thresholds.is_in(&before[1], &after[1], &self.held_out.blocks())
-            && thresholds.least_gain(excess, excess) <= gains[1];
+            && thresholds.least_gain(excess) <= gains[1];
         is_wanted.then(|| {
             let variance = fit::squared(&after[0]) / after[0].len().max(1) as f64;
             let blocks = self.held_out.blocks();
