@@ -33,6 +33,12 @@ impl Excess {
         (self.most + self.least.clamp(-thresholds.moved_residual, 0.0)).max(self.most.min(0.0))
     }
 
+    /// Mean excess of all signals as a fraction of the squared residual.
+    fn fraction_of_residual(self) -> f64 {
+        let above = self.mean.max(0.0);
+        above / (1.0 + above)
+    }
+
     /// Return whether the motion differs from that of the reference residuals.
     fn is_on_another_course(self, thresholds: &Thresholds) -> bool {
         self.least < -thresholds.reference_excess
@@ -119,8 +125,8 @@ pub(super) struct RequiredGain<'t> {
     reference_fraction: f64,
     stage: StageKind,
     floor: AtFloor,
-    /// `true` where the given twin has a reference residual.
-    has_reference: bool,
+    /// Fraction of the squared residual that is above the reference, which is noise; `None` without a reference.
+    above_reference: Option<f64>,
     machine: Machine,
     /// `true` where the gain in one signal, or in the plain residual, counts as well. `false` after an effect was
     /// added, and without a reference residual: a model error may be concentrated in one signal, and is mostly slow.
@@ -158,7 +164,7 @@ impl<'t> RequiredGain<'t> {
             },
             stage,
             floor,
-            has_reference: excess.is_some(),
+            above_reference: fitted.map(Excess::fraction_of_residual),
             machine: given.machine,
             any_signal: excess.is_some(),
         }
@@ -166,16 +172,16 @@ impl<'t> RequiredGain<'t> {
 
     /// Required gains of one more effect. The added ones `removed` a squared residual, and a square of `left` remains, both
     /// in the metric in which the effect is tested. On a table with a reference, the rest may be a model error along the
-    /// added effects, in proportion to them, unless one more effect explains most of it. The noise floor of a single axis
-    /// contains its model error; below the floor, one more effect must explain most of the rest.
+    /// added effects, in proportion to them, unless one more effect explains most of what is above the reference. The noise
+    /// floor of a single axis contains its model error; below the floor, one more effect must explain most of the rest.
     pub(super) fn in_addition_to(mut self, removed: f64, left: f64) -> Self {
-        self.conditional = match (self.machine, self.floor) {
-            (Machine::Table, _) if self.has_reference => {
+        self.conditional = match (self.machine, self.floor, self.above_reference) {
+            (Machine::Table, _, Some(above)) => {
                 let model_error = self.thresholds.model_error_of(self.machine);
                 let least = model_error * removed.max(0.0) / left.max(f64::MIN_POSITIVE);
-                least.min(self.thresholds.majority)
+                least.min(self.thresholds.majority * above)
             }
-            (Machine::Axis, AtFloor::Yes(_)) => self.thresholds.majority,
+            (Machine::Axis, AtFloor::Yes(_), _) => self.thresholds.majority,
             _ => 0.0,
         };
         self.any_signal = false;
@@ -192,7 +198,9 @@ impl<'t> RequiredGain<'t> {
     /// a change must explain most of the residual.
     pub(super) fn only_redistributes_lag(&self, base: &Twin, twin: &Twin) -> bool {
         let is_lag = |last: &Instance| sample_period_above_lag(base, twin, last).is_some();
-        self.has_reference && self.floor != AtFloor::No && twin.instances.last().is_some_and(is_lag)
+        self.above_reference.is_some()
+            && self.floor != AtFloor::No
+            && twin.instances.last().is_some_and(is_lag)
     }
 
     /// Gain that `effect` must have for any discrepancy of the given twin.
@@ -468,8 +476,9 @@ mod tests {
             (conditional.of(delay, &[1e-3]) - 1.5 * DEFAULT.min_gain).abs() < 1e-12
                 && !conditional.any_signal
         );
+        // Half of the residual is above the reference, and the other half noise.
         let most = required_gain(StageKind::Drive, even(1.0)).in_addition_to(1e3, 1.0);
-        assert_eq!(most.of(delay, &[1e-3]), DEFAULT.majority);
+        assert_eq!(most.of(delay, &[1e-3]), 0.5 * DEFAULT.majority);
         let unknown = required_gain(StageKind::Drive, None).in_addition_to(3.0, 2.0);
         assert!(unknown.of(delay, &[1e-3]) == DEFAULT.min_gain && !unknown.any_signal);
         // The floor of a single axis contains its model error.
