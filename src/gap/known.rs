@@ -470,19 +470,30 @@ mod tests {
         assert_eq!(changed(even(0.0)).of(lag, &[1e-3]), DEFAULT.clear_gain);
         assert!((changed(even(0.2)).of(lag, &[1e-3]) - 0.09).abs() < 1e-12);
         assert_eq!(changed(even(0.2)).of(delay, &[1e-3]), DEFAULT.min_gain);
-        // An effect added after a large one must exceed the model error of that one, unless the machine has no reference.
-        let conditional = required_gain(StageKind::Drive, even(1.0)).in_addition_to(3.0, 2.0);
+    }
+
+    /// Required gains on the drives of a table with this excess, as given and fitted.
+    fn on_drives(excess: Option<Excess>, twin: &Twin) -> RequiredGain<'_> {
+        RequiredGain::new(&DEFAULT, (twin, StageKind::Drive), (excess, excess), AtFloor::No)
+    }
+
+    /// An effect added after a large one must exceed the model error of that one, unless the machine has no reference.
+    #[test]
+    fn one_more_effect_must_exceed_the_model_error_of_those_before() {
+        let delay = crate::effects::find("drive.delay").unwrap();
+        let twin = Twin::nominal(Machine::Table);
+        let conditional = on_drives(even(1.0), &twin).in_addition_to(3.0, 2.0);
         assert!(
             (conditional.of(delay, &[1e-3]) - 1.5 * DEFAULT.min_gain).abs() < 1e-12
                 && !conditional.any_signal
         );
         // Half of the residual is above the reference, and the other half noise.
-        let most = required_gain(StageKind::Drive, even(1.0)).in_addition_to(1e3, 1.0);
+        let most = on_drives(even(1.0), &twin).in_addition_to(1e3, 1.0);
         assert_eq!(most.of(delay, &[1e-3]), 0.5 * DEFAULT.majority);
-        let unknown = required_gain(StageKind::Drive, None).in_addition_to(3.0, 2.0);
+        let unknown = on_drives(None, &twin).in_addition_to(3.0, 2.0);
         assert!(unknown.of(delay, &[1e-3]) == DEFAULT.min_gain && !unknown.any_signal);
         // The floor of a single axis contains its model error.
-        let axis = Twin { machine: Machine::Axis, ..twin.clone() };
+        let axis = Twin::nominal(Machine::Axis);
         let of_axis = |floor| {
             RequiredGain::new(&DEFAULT, (&axis, StageKind::Axis), (even(1.0), even(1.0)), floor)
                 .in_addition_to(3.0, 2.0)
@@ -497,15 +508,27 @@ mod tests {
         };
         assert_eq!(least(AtFloor::No), DEFAULT.min_gain);
         assert_eq!(least(AtFloor::Yes(0.9)), DEFAULT.majority);
+    }
+
+    #[test]
+    fn an_effect_must_exceed_the_resolution_of_a_simulation() {
+        let effect = |name| crate::effects::find(name).unwrap();
+        let twin = Twin::nominal(Machine::Table);
         // A map of positions simulates nothing: applied to measured positions, it may be small.
         let shear = effect("gantry.squareness");
-        let required_for_shear = |stage| required_gain(stage, even(0.0)).of(shear, &[1e-3]);
+        let required_for_shear = |stage| {
+            let excess = (even(0.0), even(0.0));
+            RequiredGain::new(&DEFAULT, (&twin, stage), excess, AtFloor::No).of(shear, &[1e-3])
+        };
         assert_eq!(required_for_shear(StageKind::Camera), DEFAULT.min_gain_map);
         assert_eq!(required_for_shear(StageKind::Ball), DEFAULT.clear_gain);
         // A lag within a step must be larger too, and so must contacts that hardly deflect.
+        let unknown = on_drives(None, &twin);
         let presliding = effect("drive.friction.presliding");
         let bristles = |distance| unknown.of(presliding, &[1.0, distance, 1e-3, 0.0]);
         assert!(bristles(1e-5) == DEFAULT.min_gain && bristles(2e-7) == DEFAULT.clear_gain);
-        assert!((unknown.of(delay, &[1e-4]) - 2.0 * DEFAULT.clear_gain).abs() < 1e-12);
+        assert!(
+            (unknown.of(effect("drive.delay"), &[1e-4]) - 2.0 * DEFAULT.clear_gain).abs() < 1e-12
+        );
     }
 }

@@ -62,7 +62,7 @@ impl Search<'_> {
         }
         let twin = &self.best.point.twin;
         let Some(first) = self.train.parts.first() else { return };
-        let Some(reference) = lateness(first, twin, &self.filters) else { return };
+        let Some(reference) = estimated_lateness(first, twin, &self.filters) else { return };
         let reference = (&self.filters, reference);
         let mut is_new = align(&mut self.held_out, twin, reference);
         // The first training session is the reference.
@@ -91,7 +91,7 @@ fn align(
 ) -> bool {
     let rows = |problem: &Problem<'_>| problem.whitened(&problem.start(twin.clone()), filters);
     let wait = |part: &Part<'_>| {
-        let late = lateness(part, twin, filters)?;
+        let late = estimated_lateness(part, twin, filters)?;
         Some(both(|motor| late[motor] - reference[motor])).filter(is_wait)
     };
     let waits: Vec<Option<[f64; 2]>> = problem.parts.iter().map(wait).collect();
@@ -116,7 +116,7 @@ fn is_wait(late: &[f64; 2]) -> bool {
 }
 
 /// Time (s) by which commands of a session reach each motor later than `twin` tells, by least squares.
-fn lateness(part: &Part<'_>, twin: &Twin, filters: &Filters) -> Option<[f64; 2]> {
+fn estimated_lateness(part: &Part<'_>, twin: &Twin, filters: &Filters) -> Option<[f64; 2]> {
     let order = whiten::in_order(part.stage, filters);
     let rows = |late: [f64; 2]| {
         part.layout.whitened(&part.residual(&part.predict_late(twin, late)), &order)

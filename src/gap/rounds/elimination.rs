@@ -574,6 +574,27 @@ mod tests {
         CAMERA_NOISE_RMS * magnitude.tanh() * (TAU * time).sin()
     }
 
+    /// Step that added the effect called `name`, the only candidate of its round.
+    fn step(name: &str) -> Added {
+        Added {
+            effect: find(name).unwrap(),
+            axis: Axis::Single,
+            scanned: None,
+            p_value: 1e-6,
+            statistic: 30.0,
+            data: String::new(),
+            comparisons: 1,
+            log_score: None,
+            validation_gain: 0.3,
+            indistinguishable: vec![],
+            has_rival: false,
+            held_out_steps: (vec![], vec![]),
+            unstated: None,
+            ranking: vec![],
+            estimates: vec![],
+        }
+    }
+
     /// The interval of a magnitude in saturation contains zero, although the effect explains a third of the residual.
     #[test]
     fn several_parameters_are_judged_by_the_residual_without_them() {
@@ -594,23 +615,7 @@ mod tests {
             let (mut search, _) = Search::opened(&data, &twin);
             search.best.point.twin = twin.clone();
             search.best.slots = slots_of_last(&twin);
-            search.added = vec![Added {
-                effect: find(name).unwrap(),
-                axis: Axis::Single,
-                scanned: None,
-                p_value: 1e-6,
-                statistic: 30.0,
-                data: String::new(),
-                comparisons: 1,
-                log_score: None,
-                validation_gain: 0.3,
-                indistinguishable: vec![],
-                has_rival: false,
-                held_out_steps: (vec![], vec![]),
-                unstated: None,
-                ranking: vec![],
-                estimates: vec![],
-            }];
+            search.added = vec![step(name)];
             search.eliminate_insignificant();
             !search.added.is_empty()
         };
