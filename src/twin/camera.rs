@@ -12,7 +12,7 @@ use crate::{
     lanes::{self, Lanes, SideBySide},
 };
 use pulp::Simd;
-use std::cmp::Ordering;
+use std::{cmp::Ordering, iter};
 
 /// Time step along the measured path (s).
 pub(super) const STEP: f64 = 1e-3;
@@ -236,7 +236,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Magnet at the end of the present step. `strikers` receives the position of the striker without that on a spring.
+    /// Magnet at the end of the present step. `strikers` receives the position of the striker without those on springs.
     #[inline(never)]
     fn magnet(&mut self, stage: &CameraStage) -> Carriage {
         let carriage = self.chain.carriage(&stage.carriage, self.time, &mut self.cursor);
@@ -275,25 +275,45 @@ impl<'a> SideBySide for March<'a> {
 
     #[inline(always)]
     fn run<S: Simd>(&mut self, simd: S, walks: &mut [Walk<'a>]) {
-        let taken: Vec<Option<TakenStriker>> =
-            walks.iter_mut().map(|walk| walk.chain.linkage.take_striker()).collect();
-        let strikers = StrikerLanes::new(simd, |lane| Some(taken.get(lane)?.as_ref()?.on_spring()));
+        let mut strikers = strikers_of(simd, walks);
         let nothing = [Lanes::splat(simd, 0.0); 2];
-        let mut state = StrikerStateLanes::at_rest(simd);
         let dt = Lanes::splat(simd, STEP);
         let mut motion = CarriageLanes { dt, velocity: nothing, acceleration: nothing };
         while walks.iter().any(|walk| !walk.samples.is_empty()) {
             for (lane, walk) in walks.iter_mut().enumerate() {
                 motion.put(lane, &walk.magnet(self.stage));
             }
-            if let Some(strikers) = &strikers {
-                strikers.step(&mut state, &motion);
+            let mut away = nothing;
+            for (strikers, state) in &mut strikers {
+                strikers.step(state, &motion);
+                away = [away[0] + state.away[0], away[1] + state.away[1]];
             }
             for (lane, walk) in walks.iter_mut().enumerate() {
-                walk.read([state.away[0].get(lane), state.away[1].get(lane)], self);
+                walk.read([away[0].get(lane), away[1].get(lane)], self);
             }
         }
     }
+}
+
+/// All strikers on springs of `walks`, the last one of each first, at rest.
+#[inline(always)]
+fn strikers_of<S: Simd>(
+    simd: S,
+    walks: &mut [Walk<'_>],
+) -> Vec<(StrikerLanes<S>, StrikerStateLanes<S>)> {
+    let taken: Vec<Vec<TakenStriker>> = walks
+        .iter_mut()
+        .map(|walk| iter::from_fn(|| walk.chain.linkage.take_striker()).collect())
+        .collect();
+    let most = taken.iter().map(Vec::len).max().unwrap_or(0);
+    let mut strikers = Vec::with_capacity(most);
+    for index in 0..most {
+        let of = |lane: usize| Some(taken.get(lane)?.get(index)?.on_spring());
+        if let Some(own) = StrikerLanes::new(simd, of) {
+            strikers.push((own, StrikerStateLanes::at_rest(simd)));
+        }
+    }
+    strikers
 }
 
 #[cfg(test)]
