@@ -125,7 +125,7 @@ pub(super) struct RequiredGain<'t> {
     reference_fraction: f64,
     stage: StageKind,
     floor: AtFloor,
-    /// Fraction of the squared residual that is above the reference, which is noise; `None` without a reference.
+    /// Fraction of the squared residual above the reference, up to which it is noise; `None` without a reference.
     above_reference: Option<f64>,
     machine: Machine,
     /// `true` where the gain in one signal, or in the plain residual, counts as well. `false` after an effect was
