@@ -97,6 +97,37 @@ impl Dispersion {
     }
 }
 
+/// Least-squares projection of a residual onto a change of the prediction.
+struct Projection {
+    /// Change, the only column.
+    change: [Vec<f64>; 1],
+    /// Its square.
+    energy: f64,
+    /// Factor of the change in the residual.
+    factor: f64,
+    /// Residual less that part.
+    rest: Vec<f64>,
+}
+
+impl Projection {
+    /// Projection of the whitened residual `before` onto the change to `after`; `None` without a change.
+    fn of(before: &[f64], after: &[f64]) -> Option<Self> {
+        let change = [before.iter().zip(after).map(|(b, a)| b - a).collect::<Vec<f64>>()];
+        let energy = dot(&change[0], &change[0]);
+        if !(f64::MIN_POSITIVE < energy && energy.is_finite()) {
+            return None;
+        }
+        let factor = dot(&change[0], before) / energy;
+        let rest = without(&change, &[factor], before);
+        Some(Self { change, energy, factor, rest })
+    }
+
+    /// Sum of the squared scores of all blocks.
+    fn score_squares(&self, blocks: &Blocks) -> f64 {
+        blocks.sums(&self.change, &self.rest).iter().map(|own| own[0] * own[0]).sum()
+    }
+}
+
 /// Amplitude with which the data follow a change.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Amplitude {
@@ -114,19 +145,13 @@ impl Amplitude {
     /// encompassing test of Davidson and MacKinnon (Econometrica 49, 1981).
     #[must_use]
     pub(super) fn of(before: &[f64], after: &[f64], blocks: &Blocks) -> Self {
-        let change: Vec<f64> = before.iter().zip(after).map(|(b, a)| b - a).collect();
-        let energy = dot(&change, &change);
-        if !(f64::MIN_POSITIVE < energy && energy.is_finite()) {
+        let Some(own) = Projection::of(before, after) else {
             return Self { value: 0.0, standard_error: f64::INFINITY, freedom: PRIOR_BLOCKS };
-        }
-        let value = dot(&change, before) / energy;
-        let rest: Vec<f64> = before.iter().zip(&change).map(|(b, c)| b - value * c).collect();
-        let columns = [change];
-        let score_squares: f64 =
-            blocks.sums(&columns, &rest).iter().map(|own| own[0] * own[0]).sum();
-        let dispersion = Dispersion::of(&columns, &rest, blocks, &[score_squares / energy]);
-        let standard_error = (dispersion.value / energy).sqrt();
-        Self { value, standard_error, freedom: dispersion.freedom }
+        };
+        let scores = own.score_squares(blocks) / own.energy;
+        let dispersion = Dispersion::of(&own.change, &own.rest, blocks, &[scores]);
+        let standard_error = (dispersion.value / own.energy).sqrt();
+        Self { value: own.factor, standard_error, freedom: dispersion.freedom }
     }
 
     /// Return whether it is above `least` at the one-sided `level`.
@@ -200,15 +225,11 @@ pub(super) fn p_value_of(before: &[f64], after: &[f64], count: usize, blocks: &B
 /// Steigerwald, Review of Economics and Statistics 99, 2017).
 #[must_use]
 pub(super) fn p_value_by_long_blocks(before: &[f64], after: &[f64], blocks: &Blocks) -> f64 {
-    let change: Vec<f64> = before.iter().zip(after).map(|(b, a)| b - a).collect();
-    let energy = dot(&change, &change);
-    let factor = dot(&change, before) / energy;
-    let rest = without(std::slice::from_ref(&change), &[factor], before);
-    let of_blocks = |own: &[f64]| blocks.sums(std::slice::from_ref(&change), own);
-    let count = effective(of_blocks(&change).iter().map(|sum| sum[0]));
-    let score_squares: f64 = of_blocks(&rest).iter().map(|sum| sum[0] * sum[0]).sum();
-    let variance = count / (count - 1.0) * score_squares / (energy * energy);
-    let f = factor * factor / variance;
+    let Some(own) = Projection::of(before, after) else { return 1.0 };
+    let energies = blocks.sums(&own.change, &own.change[0]);
+    let count = effective(energies.iter().map(|sum| sum[0]));
+    let variance = count / (count - 1.0) * own.score_squares(blocks) / (own.energy * own.energy);
+    let f = own.factor * own.factor / variance;
     if 1.0 < count && f.is_finite() { f_tail(f, 1.0, count - 1.0) } else { 1.0 }
 }
 

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     effects::{Domain, Effect, Physics},
-    twin::{Discrepancy, Instance, Machine, ReferenceResidual, StageKind, Twin},
+    twin::{Channel, Discrepancy, Instance, Machine, ReferenceResidual, StageKind, Twin},
 };
 
 /// Excess of the recordings over the reference residuals, as fractions of the squared residual.
@@ -50,15 +50,19 @@ pub(super) fn excess<const N: usize>(
     twin: &Twin,
     points: [(&Problem<'_>, &Point); N],
 ) -> Option<Excess> {
+    let channels = points.first()?.0.parts.first()?.stage.channels();
+    let reference = |channel: &Channel| {
+        let is_known = |own: &&ReferenceResidual| own.signal == channel.signal && own.searched;
+        twin.reference_residuals.iter().find(is_known)
+    };
+    let references: Vec<&ReferenceResidual> =
+        channels.iter().map(reference).collect::<Option<_>>()?;
     let squares = points
         .map(|(problem, point)| problem.squares(&fit::with_refitted_nuisances(problem, point)));
-    let channels = points.first()?.0.parts.first()?.stage.channels();
     let mut excess = Excess { most: f64::NEG_INFINITY, least: f64::INFINITY, mean: 0.0 };
-    for (k, channel) in channels.iter().enumerate() {
+    for (k, reference) in references.into_iter().enumerate() {
         let own = squares.iter().filter_map(|problem| problem.get(k));
         let (sum, count) = own.fold((0.0, 0), |all, own| (all.0 + own.0, all.1 + own.1));
-        let is_known = |own: &&ReferenceResidual| own.signal == channel.signal && own.searched;
-        let reference = twin.reference_residuals.iter().find(is_known)?;
         let known = reference.residual_rms.powi(2) * count as f64;
         let own = sum / known.max(f64::MIN_POSITIVE) - 1.0;
         excess = Excess {

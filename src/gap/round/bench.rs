@@ -254,7 +254,7 @@ impl<'a, 'b> Bench<'a, 'b> {
     /// Probability of the gain by chance, corrected for all comparisons (Bonferroni): that of the screen. For an effect that
     /// removes most of the residual, twice that of its fit where that is smaller: such an effect is most of what the
     /// screen takes for noise. For an effect that changes over a session, at least that of its fit by long blocks: it is as
-    /// slow as the change from one motion to the next, and so are model errors, which each motion has of its own.
+    /// slow as the change from one motion to the next. Each motion has model errors of its own, which are as slow.
     pub(super) fn p_value(&self, trial: &Trial) -> f64 {
         let effect = trial.candidate.effect;
         let tries = self.tries as f64;
