@@ -41,7 +41,7 @@ pub use block::Block;
 pub(crate) use coupling::striker::{CarriageLanes, StateLanes as StrikerStateLanes, StrikerLanes};
 pub use diagram::diagram;
 pub use drive::asymmetric::{Directed, by_direction};
-pub use drive::scan::{PhaseSeries, SCANS, Scan, periods};
+pub use drive::scan::{PhaseSeries, SCANS, Scan, magnitudes, periods};
 pub(crate) use drive::slew::slewed;
 pub use elastic_load::{ElasticLoad, ElasticState, Resonance};
 pub use expression::{
@@ -53,8 +53,8 @@ pub(crate) use first_order::follow;
 pub(crate) use impact::wall_friction_spin::spin_ratio;
 pub(crate) use oscillator::Oscillator;
 pub use physics::{
-    Ball, Bristles, Carriage, Change, CrossMotion, Impact, Law, LoopGains, Motion, Noise, Physics,
-    Sample, Spring, Striker, VelocityController, Wall, Wave,
+    Ball, Bristles, Carriage, Change, CrossMotion, Gap, Impact, Law, LoopGains, Motion, Noise,
+    Physics, Sample, Spring, Striker, VelocityController, Wall, Wave,
 };
 
 use serde::{Deserialize, Serialize};
@@ -619,7 +619,8 @@ mod tests {
             Physics::Estimator(_) => Some(Signal::StateVelocity),
             own if own.acts_on_ball() => Some(Signal::BallPosition),
             Physics::Frame(_)
-            | Physics::Backlash(_)
+            | Physics::Stretch(_)
+            | Physics::Gap(_)
             | Physics::Coupling(_)
             | Physics::Striker(_)
             | Physics::Camera(_)

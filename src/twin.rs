@@ -22,6 +22,7 @@
 mod axis;
 mod axis_frame;
 mod ball;
+mod belt_gaps;
 mod camera;
 mod contact;
 mod diff;
@@ -138,6 +139,13 @@ impl Instance {
             _ => None,
         })?;
         call(&self.numbers()).filter(|_| self.axis.is_motor())
+    }
+
+    /// Return whether its spring depends on a `parameter`.
+    pub(crate) fn is_of_spring(&self, parameter: usize) -> bool {
+        let mut moved = self.clone();
+        moved.values[parameter].value += self.effect.parameters[parameter].scale;
+        self.spring() != moved.spring()
     }
 
     /// Return whether it lets a motor move without its load.
@@ -281,17 +289,14 @@ impl Twin {
         self.set(slot, if value + step <= high { value + step } else { value - step });
     }
 
-    /// The values that a fit of `stage` may move: those of effects that it calls, but for what is
-    /// known from drawings.
+    /// The values that a fit of `stage` may move: those that change something there, but for what is known from
+    /// drawings.
     #[must_use]
     pub fn free(&self, stage: &dyn Stage) -> Vec<Slot> {
         let mut slots = Vec::new();
         for (index, instance) in self.instances.iter().enumerate() {
-            if !stage.feels(instance.effect, instance.axis) {
-                continue;
-            }
             for (parameter, value) in instance.values.iter().enumerate() {
-                if value.source != Source::Known {
+                if value.source != Source::Known && stage.feels_parameter(instance, parameter) {
                     slots.push(Slot { instance: index, parameter });
                 }
             }

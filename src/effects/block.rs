@@ -72,7 +72,8 @@ impl Block {
             | Physics::Expression(Place::Force | Place::Friction, _) => {
                 if effect.domain == Domain::Gantry { Self::Gantry } else { Self::Friction }
             }
-            Physics::Backlash(_)
+            Physics::Stretch(_)
+            | Physics::Gap(_)
             | Physics::Transmission(_)
             | Physics::ElasticLoad(_)
             | Physics::Resonance(_) => Self::Transmission,

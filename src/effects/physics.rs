@@ -140,6 +140,15 @@ impl Bristles {
     }
 }
 
+/// Gap between a motor and its load, which moves freely within.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gap {
+    /// Width (m).
+    pub width: f64,
+    /// Deceleration of the load within the gap by its own friction (m/s^2).
+    pub deceleration: f64,
+}
+
 /// Elastic transmission between a motor and its load, in metres and newtons of belt.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spring {
@@ -351,9 +360,11 @@ pub enum Physics {
     Encoder(fn(p: &[f64], position: f64, turns_per_metre: f64) -> f64),
     /// Elastic transmission between a motor and its load; `None` if rigid.
     Transmission(fn(p: &[f64]) -> Option<Spring>),
-    /// Motion of the motor side to the position of the load side (m); `motion.force` is the force that
-    /// accelerates the load (N).
-    Backlash(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
+    /// Motion of the motor side to the position of the load side (m) of an elastic transmission; `motion.force` is the
+    /// force that accelerates the load (N).
+    Stretch(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
+    /// Gap between a motor and its load.
+    Gap(fn(p: &[f64]) -> Gap),
     /// Carriage position to magnet position (m) by the geometry of the gantry.
     Frame(fn(p: &[f64], carriage: &Carriage) -> [f64; 2]),
     /// Magnet state to the position of the striker (m).

@@ -339,7 +339,7 @@ fn determined(outcome: &Outcome<'_>) -> Vec<Held> {
     let fitted = outcome.last.slots.iter().zip(&outcome.uncertainty.undetermined);
     fitted
         .filter(|(slot, is_undetermined)| {
-            0 < slot.parameter || twin.instances[slot.instance].rattles() && !**is_undetermined
+            !**is_undetermined && (0 < slot.parameter || twin.instances[slot.instance].rattles())
         })
         .map(|(slot, _)| Held::of(twin, *slot))
         .collect()

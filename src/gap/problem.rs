@@ -484,10 +484,19 @@ impl Linear {
     }
 }
 
-/// Scalar product.
+/// Scalar product, as a fixed number of sums that do not wait for each other: the same bytes on any processor.
 #[must_use]
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+    const SUMS: usize = 16;
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<SUMS>(), b.as_chunks::<SUMS>());
+    let mut sums = [0.0; SUMS];
+    for (a, b) in a.iter().zip(b) {
+        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+            *sum += a * b;
+        }
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f64>() + rest
 }
 
 impl Problem<'_> {
@@ -551,5 +560,20 @@ impl Problem<'_> {
             }
         }
         sums
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::dot;
+
+    #[test]
+    fn a_scalar_product_takes_every_element_once() {
+        for length in [0, 1, 15, 16, 17, 40] {
+            let a: Vec<f64> = (0..length).map(f64::from).collect();
+            let b: Vec<f64> = (0..length).map(|k| f64::from(2 * k + 1)).collect();
+            let sum: i32 = (0..length).map(|k| k * (2 * k + 1)).sum();
+            assert_eq!(dot(&a, &b), f64::from(sum), "{length}");
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! Prediction of the striker that the camera sees, from the measured carriage.
 
 use super::{
-    Channel, Linkage, MeasuredPath, Places, Stage, StageKind, TakenStriker, Twin,
+    Channel, Instance, Linkage, MeasuredPath, Places, Stage, StageKind, TakenStriker, Twin,
     noise::FrameLosses, plant::Part,
 };
 use crate::{
@@ -17,8 +17,9 @@ use std::{cmp::Ordering, iter};
 /// Time step along the measured path (s).
 pub(super) const STEP: f64 = 1e-3;
 
-/// Time by which the march begins before the first run, so that memories have settled (s).
-const RUN_IN: f64 = 0.3;
+/// Time by which the march begins before the first sample, so that memories have settled even where the camera is
+/// 0.2 s late (s).
+const RUN_IN: f64 = 0.5;
 
 /// One gantry of one session. Input: the carriage of the encoders; output: the striker of the
 /// camera.
@@ -68,11 +69,6 @@ impl Chain {
         chain
     }
 
-    /// The carriage on `path` at `time`, for one step of the march.
-    fn carriage(&self, path: &MeasuredPath, time: f64, cursor: &mut usize) -> Carriage {
-        path.carriage(time, STEP, self.striker_mass, cursor)
-    }
-
     /// Striker of a carriage at one time.
     fn striker(&mut self, carriage: Carriage) -> [f64; 2] {
         self.linkage.striker(&mut self.memory, carriage)
@@ -100,7 +96,8 @@ impl Stage for CameraStage {
         let is_called = |equation: &Physics| {
             matches!(
                 equation,
-                Physics::Backlash(_)
+                Physics::Stretch(_)
+                    | Physics::Gap(_)
                     | Physics::Encoder(_)
                     | Physics::Expression(Place::Output, _)
                     | Physics::Frame(_)
@@ -117,6 +114,13 @@ impl Stage for CameraStage {
         let is_between = |equation: &Physics| matches!(equation, Physics::Transmission(_));
         let is_felt = axis.is_motor() && effect.physics.equations().iter().any(is_between);
         self.calls(effect) && !(self.has_drives && is_felt)
+    }
+
+    /// The drives do not show where the load is within a gap.
+    fn feels_parameter(&self, instance: &Instance, parameter: usize) -> bool {
+        let Instance { effect, axis, .. } = *instance;
+        let is_of_load = || instance.spring().is_some() && !instance.is_of_spring(parameter);
+        self.feels(effect, axis) || self.calls(effect) && is_of_load()
     }
 
     fn frame_losses(&self) -> Option<&FrameLosses> {
@@ -178,12 +182,18 @@ impl CameraStage {
         let mut cursor = 0;
         for sample in self.samples() {
             let time = self.channels[0].times[sample];
-            let carriage = chain.carriage(&self.carriage, time - chain.delay(time), &mut cursor);
+            let seen_at = time - chain.delay(time);
+            let carriage = self.carriage.carriage(seen_at, STEP, chain.striker_mass, &mut cursor);
             let place = chain.striker(carriage);
             let seen = chain.seen(place, self.height);
             predicted[0][sample] = seen[0] + offset[0];
             predicted[1][sample] = seen[1] + offset[1];
         }
+    }
+
+    /// Time at which a march begins (s); a camera that is later than that sees the carriage where it is then.
+    fn march_start(&self) -> f64 {
+        self.samples().next().map_or(0.0, |first| self.channels[0].times[first] - RUN_IN)
     }
 
     /// Samples of all runs, in order.
@@ -193,7 +203,7 @@ impl CameraStage {
 }
 
 /// March of several twins. With memory, the path is marched in small steps and read between them, from the first run
-/// to the last: slip in one run remains in the next.
+/// to the last: slip in one run remains in the next. The steps are the same for every twin.
 struct March<'a> {
     stage: &'a CameraStage,
     offset: [f64; 2],
@@ -206,9 +216,6 @@ struct Walk<'a> {
     /// Samples that were not read, and the time on the path of the first of them (s).
     samples: &'a [usize],
     wanted: f64,
-    /// End of the present step (s), and the index of the path there.
-    time: f64,
-    cursor: usize,
     /// Striker at the end of the last step and of the present one (m).
     strikers: [[f64; 2]; 2],
 }
@@ -221,10 +228,9 @@ impl<'a> Walk<'a> {
         samples: &'a [usize],
         predicted: &'a mut [Vec<f64>],
     ) -> Self {
-        let (wanted, time, cursor, strikers) = (0.0, 0.0, 0, [[0.0; 2]; 2]);
-        let mut walk = Self { chain, predicted, samples, wanted, time, cursor, strikers };
+        let start = stage.carriage.at(stage.march_start(), &mut 0).0;
+        let mut walk = Self { chain, predicted, samples, wanted: 0.0, strikers: [start; 2] };
         walk.look_ahead(stage);
-        walk.time = walk.wanted - RUN_IN;
         walk
     }
 
@@ -236,28 +242,28 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Magnet at the end of the present step. `strikers` receives the position of the striker without those on springs.
+    /// Magnet of the `carriage` at the end of the present step. `strikers` receives the position of the striker without
+    /// those on springs.
     #[inline(never)]
-    fn magnet(&mut self, stage: &CameraStage) -> Carriage {
-        let carriage = self.chain.carriage(&stage.carriage, self.time, &mut self.cursor);
-        let Chain { linkage, memory, .. } = &mut self.chain;
-        let magnet = linkage.magnet(memory, carriage);
+    fn magnet(&mut self, carriage: Carriage) -> Carriage {
+        let Chain { linkage, memory, striker_mass, .. } = &mut self.chain;
+        let magnet = linkage.magnet(memory, Carriage { striker_mass: *striker_mass, ..carriage });
         let away = linkage.away(memory, &magnet);
         self.strikers = [self.strikers[1], both(|k| magnet.position[k] + away[k])];
         magnet
     }
 
-    /// Read all samples of the present step and go on to the next one. The striker is `away` from where it would be
-    /// without a spring (m).
+    /// Read all samples of the step that ends at `time` (s). The striker is `away` from where it would be without a
+    /// spring (m).
     #[inline(never)]
-    fn read(&mut self, away: [f64; 2], March { stage, offset }: &March<'_>) {
+    fn read(&mut self, away: [f64; 2], time: f64, March { stage, offset }: &March<'_>) {
         self.strikers[1] = both(|k| self.strikers[1][k] + away[k]);
         let [before, after] = self.strikers;
         // A delay that is no number ends the walk as well.
         while let Some((sample, rest)) = self.samples.split_first()
-            && self.time.partial_cmp(&self.wanted) != Some(Ordering::Less)
+            && time.partial_cmp(&self.wanted) != Some(Ordering::Less)
         {
-            let share = (1.0 - (self.time - self.wanted) / STEP).clamp(0.0, 1.0);
+            let share = (1.0 - (time - self.wanted) / STEP).clamp(0.0, 1.0);
             let place = both(|k| before[k] + share * (after[k] - before[k]));
             let seen = self.chain.seen(place, stage.height);
             for (axis, predicted) in self.predicted.iter_mut().enumerate() {
@@ -266,7 +272,6 @@ impl<'a> Walk<'a> {
             self.samples = rest;
             self.look_ahead(stage);
         }
-        self.time += STEP;
     }
 }
 
@@ -275,13 +280,16 @@ impl<'a> SideBySide for March<'a> {
 
     #[inline(always)]
     fn run<S: Simd>(&mut self, simd: S, walks: &mut [Walk<'a>]) {
+        let mut time = self.stage.march_start();
+        let mut cursor = 0;
         let mut strikers = strikers_of(simd, walks);
         let nothing = [Lanes::splat(simd, 0.0); 2];
         let dt = Lanes::splat(simd, STEP);
         let mut motion = CarriageLanes { dt, velocity: nothing, acceleration: nothing };
         while walks.iter().any(|walk| !walk.samples.is_empty()) {
+            let carriage = self.stage.carriage.carriage(time, STEP, 0.0, &mut cursor);
             for (lane, walk) in walks.iter_mut().enumerate() {
-                motion.put(lane, &walk.magnet(self.stage));
+                motion.put(lane, &walk.magnet(carriage));
             }
             let mut away = nothing;
             for (strikers, state) in &mut strikers {
@@ -289,8 +297,9 @@ impl<'a> SideBySide for March<'a> {
                 away = [away[0] + state.away[0], away[1] + state.away[1]];
             }
             for (lane, walk) in walks.iter_mut().enumerate() {
-                walk.read([away[0].get(lane), away[1].get(lane)], self);
+                walk.read([away[0].get(lane), away[1].get(lane)], time, self);
             }
+            time += STEP;
         }
     }
 }
@@ -321,7 +330,7 @@ mod tests {
     use super::*;
     use crate::{
         effects::{Axis, Domain, find},
-        twin::{Instance, Machine, Source},
+        twin::{Machine, Source},
     };
     use std::ops::Range;
 
@@ -413,6 +422,29 @@ mod tests {
                 "twin {index} predicts what another does"
             );
         }
+    }
+
+    #[test]
+    fn a_camera_that_is_later_than_the_run_in_sees_the_start() {
+        let stage = swinging();
+        let mut twin = Twin::nominal(Machine::Table);
+        let late = Instance::new(
+            find("sensor.camera_latency").unwrap(),
+            Axis::Whole,
+            &[RUN_IN + 0.3],
+            Source::Known,
+        );
+        let play = Instance::new(
+            find("drive.backlash").unwrap(),
+            Axis::Motors,
+            &[4e-4, 20.0],
+            Source::Known,
+        );
+        twin.instances = vec![late, play];
+        let mut predicted = vec![vec![0.0; 300]; 2];
+        stage.predict(&twin, &[vec![0.0; 2]], &mut predicted);
+        let start = [predicted[0][0], predicted[1][0]];
+        assert!(start[0].abs() < 1e-3 && (start[1] - 0.03).abs() < 1e-3, "{start:?}");
     }
 
     /// Two runs with a pause between them: a hard stop in the first, rest in the second.

@@ -167,46 +167,40 @@ impl DriveStage {
     }
 }
 
-/// Outputs that can be compared after one step.
-struct Outputs {
+/// State of a plant after one step, from which its outputs are read.
+struct Outputs<'a> {
+    plant: &'a Plant,
     /// End of the step (s).
     time: f64,
-    /// Position of each motor then, as its encoder reports it (m of belt).
-    position: [f64; 2],
-    /// Velocity of each motor then, as its drive reports it (m/s of belt), and its rate (m/s^2 of belt).
-    velocity: [f64; 2],
-    rate: [f64; 2],
-    /// Time at which each drive reports the force of the middle of the step (s).
-    told: [f64; 2],
-    /// Acceleration of each motor then (m/s^2 of belt).
-    acceleration: [f64; 2],
-    /// Force of each motor then (N of belt).
-    force: [f64; 2],
+    /// Its middle (s), whose force the drives report.
+    middle: f64,
+    /// Position (m), velocity (m/s) and acceleration (m/s^2) of the carriage; forces of the motors (N of belt).
+    motion: [[f64; 2]; 4],
+    /// Lag of each filter of the velocity estimators, by motor (m/s of belt).
+    lag: [[f64; 2]; 2],
+    /// Radius of the pulleys (m).
+    radius: f64,
 }
 
-impl Outputs {
-    /// Outputs of `plant` at `time` (s), after a step of `dt` seconds. `motion` contains position, velocity and
-    /// acceleration, and the forces of the motors; `lag` that of the estimators.
-    fn of(plant: &Plant, [time, dt]: [f64; 2], motion: [[f64; 2]; 4], lag: [[f64; 2]; 2]) -> Self {
-        let [position, velocity, acceleration, force] = motion;
-        let middle = time - 0.5 * dt;
-        Self {
-            time,
-            position: plant.reported_position(position),
-            velocity: plant.reported_velocity(position, velocity, lag),
-            rate: plant.reported_rate(lag),
-            told: plant.torque_ages().map(|age| middle + age),
-            acceleration: belts(acceleration),
-            force,
+impl Outputs<'_> {
+    /// Time of `output` (s).
+    #[inline(always)]
+    fn time(&self, output: Output) -> f64 {
+        match output {
+            Output::Position(_) | Output::Velocity(_) => self.time,
+            Output::Torque(motor) => self.middle + self.plant.torque_ages()[motor],
         }
     }
 
-    /// Time and value of `output` (m/s of belt, or N m with pulleys of `radius` metres).
-    fn get(&self, output: Output, radius: f64) -> (f64, f64) {
+    /// Value of `output` (m or m/s of belt, N m).
+    fn value(&self, output: Output) -> f64 {
+        let [position, velocity, _, force] = self.motion;
         match output {
-            Output::Position(motor) => (self.time, self.position[motor]),
-            Output::Velocity(motor) => (self.time, self.velocity[motor]),
-            Output::Torque(motor) => (self.told[motor], self.force[motor] * radius),
+            Output::Position(motor) => self.plant.reported_position(motor, position),
+            Output::Velocity(motor) => {
+                self.plant.reported_velocity(motor, [position, velocity], self.lag)
+            }
+            Output::Torque(motor) => force[motor] * self.radius,
         }
     }
 
@@ -215,9 +209,10 @@ impl Outputs {
     /// of two steps, across any bend.
     fn bend(&self, before: &Self, output: Output) -> f64 {
         match output {
-            Output::Position(motor) => self.acceleration[motor],
+            Output::Position(motor) => belts(self.motion[2])[motor],
             Output::Velocity(motor) => {
-                (self.rate[motor] - before.rate[motor]) / (self.time - before.time)
+                let rate = |at: &Self| at.plant.reported_rate(motor, at.lag);
+                (rate(self) - rate(before)) / (self.time - before.time)
             }
             Output::Torque(_) => 0.0,
         }
@@ -227,74 +222,80 @@ impl Outputs {
 /// Reads the plant at the times of the measured samples.
 struct Reader<'a> {
     stage: &'a DriveStage,
-    radius: f64,
-    /// Next sample of each channel.
+    /// Next sample of each channel, and its time (s), infinite after the last one of the run.
     next: Vec<usize>,
-    /// Time of the next sample of a position or velocity, and of each torque (s).
-    due: f64,
+    due: Vec<f64>,
+    /// Earliest of these times among positions and velocities, and among the torques of each motor (s).
+    first_due: f64,
     torque_due: [f64; 2],
 }
 
 impl<'a> Reader<'a> {
-    fn new(stage: &'a DriveStage, radius: f64) -> Self {
-        let next = vec![0; stage.channels.len()];
-        Self { stage, radius, next, due: f64::INFINITY, torque_due: [f64::INFINITY; 2] }
+    fn new(stage: &'a DriveStage) -> Self {
+        let count = stage.channels.len();
+        let (next, due) = (vec![0; count], vec![f64::INFINITY; count]);
+        Self { stage, next, due, first_due: f64::INFINITY, torque_due: [f64::INFINITY; 2] }
     }
 
     fn begin(&mut self, run: usize) {
-        for (next, channel) in self.next.iter_mut().zip(&self.stage.channels) {
-            *next = channel.runs[run].start;
+        for (index, channel) in self.stage.channels.iter().enumerate() {
+            self.go_to(channel.runs[run].start, index, run);
         }
-        self.look_ahead(run);
+        self.find_first();
     }
 
     /// Return whether a sample lies before the end of a step at `time`, whose middle the motors
     /// report at `told` (s).
     #[inline(always)]
     fn is_due(&self, time: f64, told: [f64; 2]) -> bool {
-        self.due <= time || self.torque_due[0] <= told[0] || self.torque_due[1] <= told[1]
+        self.first_due <= time || self.torque_due[0] <= told[0] || self.torque_due[1] <= told[1]
     }
 
-    /// Find the next samples of `run`.
-    fn look_ahead(&mut self, run: usize) {
-        (self.due, self.torque_due) = (f64::INFINITY, [f64::INFINITY; 2]);
-        let channels = self.stage.channels.iter().zip(&self.stage.outputs);
-        for ((channel, output), next) in channels.zip(&self.next) {
-            let due = match *output {
-                Output::Position(_) | Output::Velocity(_) => &mut self.due,
+    /// Go on to the `sample` of channel `index` in `run`.
+    fn go_to(&mut self, sample: usize, index: usize, run: usize) {
+        let channel = &self.stage.channels[index];
+        let is_in_run = sample < channel.runs[run].end;
+        self.next[index] = sample;
+        self.due[index] = if is_in_run { channel.times[sample] } else { f64::INFINITY };
+    }
+
+    /// Find the earliest of the next samples.
+    fn find_first(&mut self) {
+        (self.first_due, self.torque_due) = (f64::INFINITY, [f64::INFINITY; 2]);
+        for (output, due) in self.stage.outputs.iter().zip(&self.due) {
+            let first = match *output {
+                Output::Position(_) | Output::Velocity(_) => &mut self.first_due,
                 Output::Torque(motor) => &mut self.torque_due[motor],
             };
-            if *next < channel.runs[run].end {
-                *due = due.min(channel.times[*next]);
-            }
+            *first = first.min(*due);
         }
     }
 
     /// Read the samples between the outputs of two steps.
-    fn read(&mut self, run: usize, step: [&Outputs; 2], predicted: &mut [Vec<f64>]) {
-        for (index, channel) in self.stage.channels.iter().enumerate() {
-            let output = self.stage.outputs[index];
-            let [(start, from), (end, to)] = step.map(|at| at.get(output, self.radius));
-            let bend = step[1].bend(step[0], output);
-            let next = &mut self.next[index];
-            while *next < channel.runs[run].end && channel.times[*next] <= end {
-                let share = ((channel.times[*next] - start) / (end - start)).clamp(0.0, 1.0);
+    fn read(&mut self, run: usize, step: [&Outputs<'_>; 2], predicted: &mut [Vec<f64>]) {
+        for (index, output) in self.stage.outputs.iter().enumerate() {
+            let [start, end] = step.map(|at| at.time(*output));
+            if end < self.due[index] {
+                continue;
+            }
+            let [from, to] = step.map(|at| at.value(*output));
+            let bend = step[1].bend(step[0], *output);
+            while self.due[index] <= end {
+                let share = ((self.due[index] - start) / (end - start)).clamp(0.0, 1.0);
                 let sag = 0.5 * bend * share * (1.0 - share) * (end - start).powi(2);
-                predicted[index][*next] = from + share * (to - from) - sag;
-                *next += 1;
+                predicted[index][self.next[index]] = from + share * (to - from) - sag;
+                self.go_to(self.next[index] + 1, index, run);
             }
         }
-        self.look_ahead(run);
+        self.find_first();
     }
 
     /// Read the remaining samples of a run after its last step.
-    fn finish(&mut self, run: usize, last: &Outputs, predicted: &mut [Vec<f64>]) {
-        for (index, channel) in self.stage.channels.iter().enumerate() {
-            let (_, value) = last.get(self.stage.outputs[index], self.radius);
-            let next = &mut self.next[index];
-            while *next < channel.runs[run].end && channel.times[*next] <= last.time {
-                predicted[index][*next] = value;
-                *next += 1;
+    fn finish(&mut self, run: usize, last: &Outputs<'_>, predicted: &mut [Vec<f64>]) {
+        for (index, output) in self.stage.outputs.iter().enumerate() {
+            while self.due[index] <= last.time {
+                predicted[index][self.next[index]] = last.value(*output);
+                self.go_to(self.next[index] + 1, index, run);
             }
         }
     }
@@ -733,7 +734,7 @@ mod tests {
             assert!((pulley - motor).abs() < 1e-9, "{pulley} N m, not {motor} N m");
         }
         let plant = Plant::new(&of("sensor.encoder_eccentricity", &[5e-5, 2e-5]));
-        let error = |travel: f64| plant.reported_position([travel, 0.0])[0] - travel;
+        let error = |travel: f64| plant.reported_position(0, [travel, 0.0]) - travel;
         assert!((error(0.013) - error(0.013 + METRES_PER_TURN)).abs() < 1e-12);
         assert!((error(0.0125) - 5e-5).abs() < 1e-12, "a quarter of a turn: {} m", error(0.0125));
     }

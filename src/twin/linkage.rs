@@ -1,8 +1,15 @@
 //! Chain from the carriage to the striker: encoders, backlash, geometry of the gantry, magnet.
 
-use super::{Instance, Twin, plant::Part, transmission};
+use super::{
+    Instance, Twin,
+    belt_gaps::{self, BeltGaps},
+    plant::Part,
+    transmission,
+};
 use crate::{
-    effects::{Carriage, Law, Motion, Physics, Place, Spring, Striker, StrikerLanes, both},
+    effects::{
+        Axis, Carriage, Gap, Law, Motion, Physics, Place, Spring, Striker, StrikerLanes, both,
+    },
     gantry::{belts, rails},
 };
 use pulp::Scalar;
@@ -68,6 +75,9 @@ pub enum Places {
 #[derive(Debug, Clone)]
 pub struct Linkage {
     encoders: [Vec<EncoderPart>; 2],
+    /// Backlash of the belts, and the index of its load in the memory.
+    belt_gaps: Option<(BeltGaps, usize)>,
+    rail_gaps: [Vec<Part<Gap>>; 2],
     belt_plays: [Vec<PlayPart>; 2],
     rail_plays: [Vec<PlayPart>; 2],
     frames: Vec<FramePart>,
@@ -111,6 +121,8 @@ impl Linkage {
     pub fn new(twin: &Twin, places: Places) -> Self {
         let mut linkage = Self {
             encoders: [Vec::new(), Vec::new()],
+            belt_gaps: None,
+            rail_gaps: [Vec::new(), Vec::new()],
             belt_plays: [Vec::new(), Vec::new()],
             rail_plays: [Vec::new(), Vec::new()],
             frames: Vec::new(),
@@ -165,7 +177,14 @@ impl Linkage {
                 let call = Law::Expression(own);
                 covered.for_each(|k| self.encoders[k].push(Part::new(call, instance, memory)));
             }
-            Physics::Backlash(call) => {
+            Physics::Gap(call) if axis.is_motor() => {
+                self.add_belt_gaps(axis, call(&instance.numbers()));
+            }
+            Physics::Gap(call) => {
+                let gap = call(&instance.numbers());
+                covered.for_each(|k| self.rail_gaps[k].push(Part::new(gap, instance, memory)));
+            }
+            Physics::Stretch(call) => {
                 let plays =
                     if axis.is_motor() { &mut self.belt_plays } else { &mut self.rail_plays };
                 covered.for_each(|k| plays[k].push(Part::new(call, instance, memory)));
@@ -204,6 +223,17 @@ impl Linkage {
         }
     }
 
+    /// Add a `gap` of the belts that `axis` covers.
+    fn add_belt_gaps(&mut self, axis: Axis, gap: Gap) {
+        let memory = &mut self.memory;
+        let (gaps, _) = self.belt_gaps.get_or_insert_with(|| {
+            let slot = *memory;
+            *memory += belt_gaps::MEMORY;
+            (BeltGaps::none(gap), slot)
+        });
+        (0..2).filter(|belt| axis.covers(*belt)).for_each(|belt| gaps.widen(belt, gap.width));
+    }
+
     /// Number of values that it remembers for one carriage.
     #[must_use]
     pub fn memory(&self) -> usize {
@@ -218,7 +248,10 @@ impl Linkage {
 
     /// Return whether anything between motors and carriage has compliance or backlash.
     fn has_plays(&self) -> bool {
-        self.belt_plays.iter().chain(&self.rail_plays).any(|parts| !parts.is_empty())
+        let mut plays = self.belt_plays.iter().chain(&self.rail_plays);
+        self.belt_gaps.is_some()
+            || self.rail_gaps.iter().any(|parts| !parts.is_empty())
+            || plays.any(|parts| !parts.is_empty())
     }
 
     /// Return whether the striker may move relative to its magnet.
@@ -265,6 +298,10 @@ impl Linkage {
                 belt[k] -= part.call.at(part.p(), belt[k], self.turns_per_metre) - belt[k];
             }
         }
+        if let Some((gaps, slot)) = &self.belt_gaps {
+            let motors = Carriage { position: rails(belt), ..carriage };
+            belt = belts(gaps.load(&mut memory[*slot..], self.mass, &motors));
+        }
         let force = if self.has_plays() { self.force(memory, &carriage) } else { [0.0; 2] };
         let belt_force = belts(force).map(|sum| 0.5 * sum);
         let (belt_velocity, belt_acceleration) =
@@ -283,6 +320,12 @@ impl Linkage {
             }
         }
         let mut place = rails(belt);
+        for (k, parts) in self.rail_gaps.iter().enumerate() {
+            for part in parts {
+                let motion = Motion { position: place[k], ..Self::motion(&carriage, k) };
+                place[k] = part.call.load(part.memory(memory), &motion);
+            }
+        }
         for (k, parts) in self.rail_plays.iter().enumerate() {
             for part in parts {
                 let motion =
@@ -330,7 +373,7 @@ impl Linkage {
 mod tests {
     use super::*;
     use crate::{
-        effects::{Axis, find},
+        effects::find,
         twin::{Machine, Source},
     };
 

@@ -390,40 +390,34 @@ impl Plant {
         *state = PlantState { position, memory, ..PlantState::default() };
     }
 
-    /// Position of each motor (m of belt) as its encoder reports it, with the carriage at `position` (m).
+    /// Position of a `motor` (m of belt) as its encoder reports it, with the carriage at `position` (m).
     #[must_use]
-    pub fn reported_position(&self, position: [f64; 2]) -> [f64; 2] {
-        let position = belts(position);
-        both(|index| {
-            let own = position[index];
-            self.motors.get(index).map_or(own, |motor| {
-                motor.encoders.iter().fold(own, |at, part| motor.read(part, at))
-            })
-        })
+    pub fn reported_position(&self, motor: usize, position: [f64; 2]) -> f64 {
+        let own = belts(position)[motor];
+        self.motors
+            .get(motor)
+            .map_or(own, |motor| motor.encoders.iter().fold(own, |at, part| motor.read(part, at)))
     }
 
-    /// Velocity of each motor (m/s of belt) as its drive estimates and reports it, with the carriage at `position` (m) and
-    /// with `velocity` (m/s); `lag[filter][motor]` are those of the estimators (m/s of belt).
+    /// Velocity of a `motor` (m/s of belt) as its drive estimates and reports it, with the carriage at a position (m) and
+    /// with a velocity (m/s); `lag[filter][motor]` are those of the estimators (m/s of belt).
     #[must_use]
     pub(super) fn reported_velocity(
         &self,
-        position: [f64; 2],
-        velocity: [f64; 2],
+        motor: usize,
+        [position, velocity]: [[f64; 2]; 2],
         lag: [[f64; 2]; 2],
-    ) -> [f64; 2] {
-        let (position, velocity) = (belts(position), belts(velocity));
-        both(|index| {
-            let own = velocity[index];
-            let seen = self.motors.get(index).map_or(own, |it| it.reported(position[index], own));
-            seen - lag[0][index] - lag[1][index]
-        })
+    ) -> f64 {
+        let (position, velocity) = (belts(position)[motor], belts(velocity)[motor]);
+        let seen = self.motors.get(motor).map_or(velocity, |own| own.reported(position, velocity));
+        seen - lag[0][motor] - lag[1][motor]
     }
 
     /// Rate of that velocity (m/s^2 of belt).
     #[must_use]
-    pub(super) fn reported_rate(&self, lag: [[f64; 2]; 2]) -> [f64; 2] {
-        let time = |motor: &MotorParts| motor.gains.estimator_time_constant_s;
-        both(|index| estimator::rate(self.motors.get(index).map_or(0.0, time), lag[1][index]))
+    pub(super) fn reported_rate(&self, motor: usize, lag: [[f64; 2]; 2]) -> f64 {
+        let time = self.motors.get(motor).map_or(0.0, |own| own.gains.estimator_time_constant_s);
+        estimator::rate(time, lag[1][motor])
     }
 
     /// Belts before they move.

@@ -1,6 +1,6 @@
 //! One stage of the chain: measured input, measured output, prediction between them.
 
-use super::{Twin, noise::FrameLosses};
+use super::{Instance, Twin, noise::FrameLosses};
 use crate::effects::{Axis, Domain, Effect, PhaseSeries, Regressor};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -71,6 +71,11 @@ pub trait Stage: Sync {
     /// Return whether `effect` changes anything here when it acts on `axis`.
     fn feels(&self, effect: &Effect, _axis: Axis) -> bool {
         self.calls(effect)
+    }
+
+    /// Return whether a `parameter` of `instance` changes anything here that no stage before this one shows better.
+    fn feels_parameter(&self, instance: &Instance, _parameter: usize) -> bool {
+        self.feels(instance.effect, instance.axis)
     }
 
     /// Runs that share one set of nuisance parameters (starts of rolls, offsets); empty without

@@ -1,6 +1,8 @@
 //! Backlash between motor and load.
 
-use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Signal, Site, Spring};
+use crate::effects::{
+    Domain, Effect, Gap, Motion, Parameter, Physics, Regressor, Signal, Site, Spring,
+};
 
 /// `drive.backlash`: backlash between motor and load.
 ///
@@ -9,7 +11,7 @@ use crate::effects::{Domain, Effect, Motion, Parameter, Physics, Regressor, Sign
 /// has crossed the gap. A load with little friction coasts to the other end when the motor brakes.
 /// At an end it takes the velocity of the motor. It starts in the middle of the gap. A motor feels
 /// its own backlash: within the gap no force passes, so that only its rotor resists it (the load is 11 %
-/// of what moves along x, by the drawings of the table).
+/// of what moves along x, by the drawings of the table). Both belts of a gantry move one load.
 pub(crate) static BACKLASH: Effect = Effect {
     name: "drive.backlash",
     summary: "after a reversal the motor turns before the load follows",
@@ -48,7 +50,7 @@ pub(crate) static BACKLASH: Effect = Effect {
         &[0.0015, 3.0],
     ],
     memory: 3,
-    physics: Physics::Both(&[Physics::Backlash(follow), Physics::Transmission(slack)]),
+    physics: Physics::Both(&[Physics::Gap(gap), Physics::Transmission(slack)]),
     regressors: &[Regressor::Direction, Regressor::SinceReversal],
     signals: Signal::MOTION,
     excitation: "reversals at several speeds, with encoders and camera",
@@ -75,20 +77,31 @@ fn slack(p: &[f64]) -> Option<Spring> {
     (NO_BACKLASH <= p[0]).then(|| Spring { backlash: p[0], ..END_CONTACT })
 }
 
-/// Position of the load (m) after one step.
-///
-/// `memory` holds position and velocity of the load, and 1 once both are initialized.
-fn follow(p: &[f64], memory: &mut [f64], motion: &Motion) -> f64 {
-    let half = 0.5 * p[0];
-    if memory[2] == 0.0 {
-        (memory[0], memory[1], memory[2]) = (motion.position, motion.velocity, 1.0);
+fn gap(p: &[f64]) -> Gap {
+    Gap { width: p[0], deceleration: p[1] }
+}
+
+impl Gap {
+    /// Position of the load (m) after one step along one axis.
+    ///
+    /// `memory` holds position and velocity of the load, and 1 once both are initialized.
+    pub(crate) fn load(&self, memory: &mut [f64], motion: &Motion) -> f64 {
+        let half = 0.5 * self.width;
+        if memory[2] == 0.0 {
+            (memory[0], memory[1], memory[2]) = (motion.position, motion.velocity, 1.0);
+        }
+        let slowed = self.slowed(memory[1], motion.dt);
+        let coasted = memory[0] + 0.5 * motion.dt * (memory[1] + slowed);
+        let held = coasted.clamp(motion.position - half, motion.position + half);
+        memory[1] = if held == coasted { slowed } else { motion.velocity };
+        memory[0] = held;
+        held
     }
-    let slowed = (memory[1].abs() - p[1] * motion.dt).max(0.0).copysign(memory[1]);
-    let coasted = memory[0] + 0.5 * motion.dt * (memory[1] + slowed);
-    let held = coasted.clamp(motion.position - half, motion.position + half);
-    memory[1] = if held == coasted { slowed } else { motion.velocity };
-    memory[0] = held;
-    held
+
+    /// Velocity of a load (m/s) after `dt` seconds within the gap.
+    pub(crate) fn slowed(&self, velocity: f64, dt: f64) -> f64 {
+        (velocity.abs() - self.deceleration * dt).max(0.0).copysign(velocity)
+    }
 }
 
 #[cfg(test)]
@@ -107,23 +120,23 @@ mod tests {
 
     #[test]
     fn a_load_with_friction_follows_across_the_gap() {
-        let p = [0.002, 1000.0];
+        let own = gap(&[0.002, 1000.0]);
         let mut memory = [0.0; 3];
-        assert_eq!(follow(&p, &mut memory, &at(0.1, 0.0)), 0.1);
-        assert!((follow(&p, &mut memory, &at(0.11, 0.1)) - 0.109).abs() < 1e-12);
-        assert!((follow(&p, &mut memory, &at(0.1085, -0.1)) - 0.109).abs() < 1e-4);
-        assert!((follow(&p, &mut memory, &at(0.1, -0.1)) - 0.101).abs() < 1e-12);
-        assert_eq!(follow(BACKLASH.null, &mut [0.3, 0.0, 1.0], &at(0.1, 0.0)), 0.1);
+        assert_eq!(own.load(&mut memory, &at(0.1, 0.0)), 0.1);
+        assert!((own.load(&mut memory, &at(0.11, 0.1)) - 0.109).abs() < 1e-12);
+        assert!((own.load(&mut memory, &at(0.1085, -0.1)) - 0.109).abs() < 1e-4);
+        assert!((own.load(&mut memory, &at(0.1, -0.1)) - 0.101).abs() < 1e-12);
+        assert_eq!(gap(BACKLASH.null).load(&mut [0.3, 0.0, 1.0], &at(0.1, 0.0)), 0.1);
     }
 
     #[test]
     fn a_load_without_friction_coasts_when_the_motor_brakes() {
-        let p = [0.002, 0.0];
+        let own = gap(&[0.002, 0.0]);
         let mut memory = [0.099, 0.2, 1.0];
         // The motor has driven the load at 0.2 m/s and stops within one step.
-        assert!((follow(&p, &mut memory, &at(0.1, 0.0)) - 0.0992).abs() < 1e-12);
+        assert!((own.load(&mut memory, &at(0.1, 0.0)) - 0.0992).abs() < 1e-12);
         for _ in 0..20 {
-            follow(&p, &mut memory, &at(0.1, 0.0));
+            own.load(&mut memory, &at(0.1, 0.0));
         }
         assert!((memory[0] - 0.101).abs() < 1e-12);
     }

@@ -46,7 +46,7 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
     ],
     memory: 0,
     physics: Physics::Both(&[
-        Physics::Backlash(|p, _, motion| motion.position - p[0] * motion.force),
+        Physics::Stretch(|p, _, motion| motion.position - p[0] * motion.force),
         Physics::Transmission(spring),
     ]),
     regressors: &[Regressor::Acceleration],
@@ -165,7 +165,7 @@ mod tests {
 
     #[test]
     fn the_load_lags_during_acceleration() {
-        let Physics::Both([Physics::Backlash(stretch), _]) = COMPLIANCE_BELT.physics else {
+        let Physics::Both([Physics::Stretch(stretch), _]) = COMPLIANCE_BELT.physics else {
             panic!("the belt transmits")
         };
         let motion = Motion { position: 0.2, force: 5.0, ..Motion::default() };

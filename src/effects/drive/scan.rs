@@ -1,8 +1,8 @@
 //! Parameters that need a global search, because the cost has many local minima in them.
 
-use super::ripple_motor::RIPPLE_MOTOR;
+use super::{backlash::BACKLASH, ripple_motor::RIPPLE_MOTOR};
 use crate::{effects::Effect, stats::quantile};
-use std::f64::consts::TAU;
+use std::{f64::consts::TAU, iter::successors};
 
 /// Global search over one parameter of an effect, in the residual of a twin.
 #[derive(Debug, Clone, Copy)]
@@ -16,6 +16,28 @@ pub struct Scan {
 
 /// Effects with a scanned parameter; the proposals replace that parameter in each probe.
 pub static SCANS: &[(&Effect, Scan)] = &[(&RIPPLE_MOTOR, Scan { parameter: 2, propose: periods })];
+
+/// Effects whose loss has several minima in their magnitude. The load strikes the end of a gap of width b, crossed with
+/// an acceleration a, after sqrt(2 b / a): with another width, the simulated impact is beside the measured one and
+/// leaves more than none.
+static SEVERAL_MINIMA: &[&Effect] = &[&BACKLASH];
+
+/// Ratio of neighbouring magnitudes that are tried for such an effect: an impact moves by less than 1 ms where the gap
+/// is crossed in 16 ms.
+const MAGNITUDE_RATIO: f64 = 1.12;
+
+/// Magnitudes from which `effect` is fitted by the least loss, from the smallest probe to the largest plausible one;
+/// none where its loss has one minimum.
+#[must_use]
+pub fn magnitudes(effect: &Effect) -> Vec<f64> {
+    if !SEVERAL_MINIMA.iter().any(|own| own.name == effect.name) {
+        return Vec::new();
+    }
+    let (_, largest) = effect.parameters[0].plausible;
+    let smallest = effect.probes.iter().map(|probe| probe[0]).fold(largest, f64::min);
+    let next = |magnitude: &f64| Some(MAGNITUDE_RATIO * magnitude);
+    successors(Some(smallest), next).take_while(|magnitude| *magnitude <= largest).collect()
+}
 
 /// Frequencies per spectral line width, so that no line falls between two of them.
 const PER_LINE: f64 = 4.0;
@@ -265,13 +287,23 @@ impl Samples {
     }
 }
 
-/// Maximum of the unimodal function `height` between `low` and `high`, by golden-section search.
-fn highest(height: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
+/// Maximum of the unimodal function `height` between `low` and `high`, by golden-section search, to a
+/// ten-thousandth of their distance: a fit follows.
+fn highest(height: impl Fn(f64) -> f64, low: f64, high: f64) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_895;
-    for _ in 0..40 {
-        let span = GOLDEN * (high - low);
-        let (left, right) = (high - span, low + span);
-        if height(left) < height(right) { low = left } else { high = right }
+    const STEPS: usize = 20;
+    let at = |place: f64| (place, height(place));
+    let (mut low, mut high) = (low, high);
+    let mut left = at(high - GOLDEN * (high - low));
+    let mut right = at(low + GOLDEN * (high - low));
+    for _ in 0..STEPS {
+        if left.1 < right.1 {
+            (low, left) = (left.0, right);
+            right = at(low + GOLDEN * (high - low));
+        } else {
+            (high, right) = (right.0, left);
+            left = at(high - GOLDEN * (high - low));
+        }
     }
     0.5 * (low + high)
 }
@@ -333,5 +365,16 @@ mod tests {
         assert!(periods(&[filtered(&[0.1; 50], &[1.0; 50])], 0.5).is_empty());
         assert!(periods(&[filtered(&[], &[])], 0.5).is_empty());
         assert!(periods(&[], 0.5).is_empty());
+    }
+
+    #[test]
+    fn magnitudes_cover_the_plausible_range_of_an_effect_with_several_minima() {
+        let widths = magnitudes(&BACKLASH);
+        assert_eq!(widths[0], 5e-5);
+        let (_, largest) = BACKLASH.parameters[0].plausible;
+        let last = widths[widths.len() - 1];
+        assert!(last <= largest && largest < MAGNITUDE_RATIO * last, "{last}");
+        assert!(widths.windows(2).all(|pair| (pair[1] / pair[0] - MAGNITUDE_RATIO).abs() < 1e-12));
+        assert!(magnitudes(&RIPPLE_MOTOR).is_empty());
     }
 }

@@ -36,7 +36,7 @@ pub(crate) static BELT_ASYMMETRY: Effect = Effect {
     memory: 0,
     physics: Physics::Both(&[
         Physics::Friction(|p, _, _| p[0]),
-        Physics::Backlash(|p, _, motion| motion.position - p[1] * motion.force),
+        Physics::Stretch(|p, _, motion| motion.position - p[1] * motion.force),
     ]),
     regressors: &[Regressor::Direction, Regressor::Acceleration, Regressor::Load],
     signals: Signal::MOTION,
@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn one_belt_rubs_and_its_load_lags_by_the_stretch() {
-        let Physics::Both([Physics::Friction(rub), Physics::Backlash(stretch)]) =
+        let Physics::Both([Physics::Friction(rub), Physics::Stretch(stretch)]) =
             BELT_ASYMMETRY.physics
         else {
             panic!("friction and compliance")

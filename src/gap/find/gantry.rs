@@ -140,7 +140,9 @@ fn is_called(camera: &Outcome<'_>, effect: &Effect) -> bool {
 
 /// Return whether an effect lets the carriage move relative to its motors.
 fn is_play(effect: &Effect) -> bool {
-    let is_between = |own: &Physics| matches!(own, Physics::Backlash(_) | Physics::Transmission(_));
+    let is_between = |own: &Physics| {
+        matches!(own, Physics::Stretch(_) | Physics::Gap(_) | Physics::Transmission(_))
+    };
     effect.physics.equations().iter().any(is_between)
 }
 

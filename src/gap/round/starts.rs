@@ -2,6 +2,7 @@
 
 use super::{IDLE, RoundStart, Tried, slots_of_last, trial::is_bend, values_of_last};
 use crate::{
+    effects::magnitudes,
     gap::{
         batch::in_parallel,
         fit::{self, Fit},
@@ -17,6 +18,9 @@ const MANY_PROBES: usize = 6;
 
 /// Probes from which such an effect is fitted in addition to the start of the screen.
 const OTHER_PROBES: usize = 3;
+
+/// Minima of the loss along the magnitude from which an effect with several is fitted.
+const LEAST_LOSSES: usize = 2;
 
 /// Factors of a magnitude without slope that are tried, and number of repetitions.
 const MAGNITUDE_FACTORS: [f64; 8] = [0.7, 0.82, 0.9, 0.96, 1.04, 1.1, 1.2, 1.4];
@@ -69,6 +73,9 @@ fn fitted(
     let best = fits.min_by(|a, b| a.0.loss.total_cmp(&b.0.loss));
     let (found, how) = best.expect("there is a base, and sizes to start from");
     let found = from_other_starts(train, found, candidate, &how);
+    // In the given twin, the known parameters have not made up for the effect.
+    let (given, _) = bases[bases.len() - 1];
+    let found = from_least_losses(train, found, given, candidate, &how);
     if candidate.effect.probes.len() < MANY_PROBES {
         return found;
     }
@@ -105,6 +112,34 @@ fn from_other_starts(
 ) -> Fit {
     let starts: Vec<Point> =
         candidate.other_starts.iter().map(|start| with_last(&found.point, start)).collect();
+    from_starts(train, found, starts, how)
+}
+
+/// The fit, or a better one from the magnitudes at the lowest minima of the loss, for an effect that has several. The
+/// other parameters of the effect are as fitted, and the known ones as in `base`.
+fn from_least_losses(
+    train: &Problem<'_>,
+    found: Fit,
+    base: &Fit,
+    candidate: &Candidate,
+    how: &fit::How<'_>,
+) -> Fit {
+    let shape = values_of_last(&found.point.twin);
+    let at = |magnitude: f64| {
+        let values = [&[magnitude], &shape[1..]].concat();
+        let twin = screen::with(&base.point.twin, candidate.effect, candidate.axis, &values);
+        let point = Point { twin, nuisance: base.point.nuisance.clone() };
+        (fit::squared(&train.whitened(&point, how.filters)), point)
+    };
+    let tries: Vec<(f64, Point)> = magnitudes(candidate.effect).into_iter().map(at).collect();
+    let loss = |index: usize| tries.get(index).map_or(f64::INFINITY, |(loss, _)| *loss);
+    let is_least = |index: &usize| {
+        let before = index.checked_sub(1).map_or(f64::INFINITY, loss);
+        loss(*index) <= before && loss(*index) < loss(index + 1)
+    };
+    let mut least: Vec<usize> = (0..tries.len()).filter(is_least).collect();
+    least.sort_by(|a, b| loss(*a).total_cmp(&loss(*b)));
+    let starts = least.into_iter().take(LEAST_LOSSES).map(|index| tries[index].1.clone());
     from_starts(train, found, starts, how)
 }
 
@@ -211,6 +246,7 @@ fn search_magnitude(train: &Problem<'_>, mut found: Fit, how: &fit::How<'_>) -> 
 mod tests {
     use super::*;
     use crate::{
+        effects::{Axis, find},
         gap::{
             test_stage::{TestStage, axis_of_frequency, candidate, first_parameters, sines, with},
             whiten,
@@ -253,5 +289,44 @@ mod tests {
         };
         assert!((frequency_after(&previous) - FREQUENCY_HZ).abs() < 0.01);
         assert!((frequency_after(&[]) - FREQUENCY_HZ).abs() > 0.1, "the base leads elsewhere");
+    }
+
+    #[test]
+    fn a_wide_gap_is_found_across_other_minima_of_the_loss() {
+        const WIDTH: f64 = 1.33e-3;
+        // Pulses of 10 ms, each of which comes later by 40 s per metre of the gap: beyond one pulse, no slope leads there.
+        let pulse = |twin: &Twin, time: f64| {
+            let own = twin.instances.iter().find(|own| own.effect.name == "drive.backlash");
+            own.map_or(0.0, |own| {
+                (-((time % 0.5 - 0.1 - 40.0 * own.values[0].value) / 0.01).powi(2)).exp()
+            })
+        };
+        let nominal = Twin::nominal(Machine::Axis);
+        let backlash = find("drive.backlash").unwrap();
+        let truth = screen::with(&nominal, backlash, Axis::Single, &[WIDTH, 50.0]);
+        let stage = TestStage::camera(&truth, pulse, 3);
+        let train = Problem::new(&[&stage as _], &nominal);
+        let base = Fit {
+            point: train.start(nominal.clone()),
+            slots: Vec::new(),
+            loss: f64::INFINITY,
+            rows: 2000,
+        };
+        let filters = train.filters(&base.point, whiten::scale_filters);
+        let start = vec![2e-4, 50.0];
+        let zeros = vec![0.0; 2];
+        let own = Candidate {
+            probe: start.clone(),
+            start,
+            parameter_offsets: zeros.clone(),
+            shift: zeros,
+            ..candidate("drive.backlash", 2e-4)
+        };
+        let round_start = RoundStart::at(&base, &filters, &nominal, &[]);
+        let [found] = &rough_fits(&train, &round_start, std::slice::from_ref(&own))[..] else {
+            panic!()
+        };
+        let width = values_of_last(&found.point.twin)[0];
+        assert!((width / WIDTH - 1.0).abs() < 0.02, "{width}");
     }
 }

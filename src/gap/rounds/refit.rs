@@ -151,14 +151,14 @@ pub(in crate::gap) fn at_null(point: &Point, slot: Slot) -> Option<Point> {
     })
 }
 
-/// Starts of [`best_restart`]: `as_given` with one of the fitted effects at one of its probes.
+/// Starts of [`best_restart`]: `as_given` with the fitted parameters of one effect at one of its probes.
 fn starts_at_probes(as_given: &Point, best: &Fit, given: &Point) -> Vec<Point> {
     let mut starts = Vec::new();
     for index in fitted_instances(best, given) {
         for probe in given.twin.instances[index].effect.probes {
             let mut point = as_given.clone();
-            for (parameter, value) in probe.iter().enumerate() {
-                point.twin.set(Slot { instance: index, parameter }, *value);
+            for slot in best.slots.iter().filter(|slot| slot.instance == index) {
+                point.twin.set(*slot, probe[slot.parameter]);
             }
             starts.push(point);
         }
@@ -296,5 +296,22 @@ mod tests {
         let better = best_restart(&train, &fit, &given).unwrap();
         let rate = better.twin.get(integral_rate_of(&better.twin));
         assert!(rate.abs() < 0.01, "{rate}");
+    }
+
+    #[test]
+    fn starts_at_probes_leave_what_is_not_fitted() {
+        const WIDTH: f64 = 1.3e-3;
+        let backlash = find("drive.backlash").unwrap();
+        let twin = Twin {
+            instances: vec![Instance::new(backlash, Axis::Motors, &[WIDTH, 50.0], Source::Fitted)],
+            ..Twin::nominal(Machine::Table)
+        };
+        let given = Point { twin, nuisance: Vec::new() };
+        let slots = vec![Slot { instance: 0, parameter: 1 }];
+        let best = Fit { point: given.clone(), slots, loss: 0.0, rows: 2000 };
+        let starts = starts_at_probes(&given, &best, &given);
+        let values = |start: &Point| start.twin.instances[0].numbers();
+        assert!(starts.iter().all(|start| values(start)[0] == WIDTH));
+        assert!(starts.iter().any(|start| values(start)[1] == 3.0));
     }
 }

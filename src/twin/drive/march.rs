@@ -135,7 +135,7 @@ impl<'a> Walk<'a> {
         let dead = job.plant.delays();
         Self {
             stage,
-            reader: Reader::new(stage, job.radius),
+            reader: Reader::new(stage),
             delays: both(|motor| stage.arrivals[motor] + job.late[motor] + dead[motor]),
             torque_ages: job.plant.torque_ages(),
             cursors: [0; 2],
@@ -244,14 +244,22 @@ impl<'a> Walk<'a> {
     }
 
     /// Outputs that can be compared after a step of `dt` seconds.
-    fn outputs<S: Simd>(
+    fn outputs<'j, S: Simd>(
         &self,
         lane: usize,
         state: &StateLanes<S>,
         dt: f64,
-        job: &Job<'_>,
-    ) -> Outputs {
-        Outputs::of(job.plant, [state.time.get(lane), dt], state.motion(lane), state.lag(lane))
+        job: &Job<'j>,
+    ) -> Outputs<'j> {
+        let time = state.time.get(lane);
+        Outputs {
+            plant: job.plant,
+            time,
+            middle: time - 0.5 * dt,
+            motion: state.motion(lane),
+            lag: state.lag(lane),
+            radius: job.radius,
+        }
     }
 }
 
