@@ -360,9 +360,9 @@ pub enum Physics {
     Encoder(fn(p: &[f64], position: f64, turns_per_metre: f64) -> f64),
     /// Elastic transmission between a motor and its load; `None` if rigid.
     Transmission(fn(p: &[f64]) -> Option<Spring>),
-    /// Motion of the motor side to the position of the load side (m) of an elastic transmission; `motion.force` is the
-    /// force that accelerates the load (N).
-    Stretch(fn(p: &[f64], m: &mut [f64], motion: &Motion) -> f64),
+    /// Position of the motor side to that of the load side (m) of an elastic transmission; `motion.force` is the force
+    /// that accelerates the load (N).
+    Stretch(fn(p: &[f64], motion: &Motion) -> f64),
     /// Gap between a motor and its load.
     Gap(fn(p: &[f64]) -> Gap),
     /// Carriage position to magnet position (m) by the geometry of the gantry.

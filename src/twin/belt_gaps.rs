@@ -37,10 +37,8 @@ impl BeltGaps {
             memory[2..4].copy_from_slice(&motors.velocity);
             memory[4] = 1.0;
         }
-        let before = both(|k| memory[2 + k]);
-        let slowed = before.map(|own| self.0[0].slowed(own, motors.dt));
-        let coasted = both(|k| memory[k] + 0.5 * motors.dt * (before[k] + slowed[k]));
-        let (position, velocity) = self.held((coasted, slowed), masses, motors);
+        let [x, y] = [0, 1].map(|k| self.0[0].coasted(memory[k], memory[2 + k], motors.dt));
+        let (position, velocity) = self.held(([x.0, y.0], [x.1, y.1]), masses, motors);
         memory[..2].copy_from_slice(&position);
         memory[2..4].copy_from_slice(&velocity);
         position

@@ -14,7 +14,8 @@ use crate::{
 };
 use pulp::Scalar;
 
-type PlayPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
+type StretchPart = Part<fn(&[f64], &Motion) -> f64>;
+type LevelPart = Part<fn(&[f64], &mut [f64], &Motion) -> f64>;
 type EncoderPart = Part<Law<fn(&[f64], f64, f64) -> f64>>;
 type FramePart = Part<fn(&[f64], &Carriage) -> [f64; 2]>;
 type CouplingPart = Part<Coupling>;
@@ -78,8 +79,8 @@ pub struct Linkage {
     /// Backlash of the belts, and the index of its load in the memory.
     belt_gaps: Option<(BeltGaps, usize)>,
     rail_gaps: [Vec<Part<Gap>>; 2],
-    belt_plays: [Vec<PlayPart>; 2],
-    rail_plays: [Vec<PlayPart>; 2],
+    belt_stretches: [Vec<StretchPart>; 2],
+    rail_stretches: [Vec<StretchPart>; 2],
     frames: Vec<FramePart>,
     couplings: Vec<CouplingPart>,
     mass: [f64; 2],
@@ -98,7 +99,7 @@ struct Rub {
     /// Viscous friction (N s/m).
     damping: f64,
     /// Friction whose level depends on the motion.
-    levels: Vec<PlayPart>,
+    levels: Vec<LevelPart>,
     /// Index in the memory of the Coulomb friction over the last step (N).
     slot: usize,
 }
@@ -107,7 +108,7 @@ impl Rub {
     /// Force (N) that overcomes the friction over one step: elastic within [`PRESLIDING_M`] after a reversal, then at its
     /// level (Prandtl's model), so that at rest the last friction stays.
     fn force(&self, memory: &mut [f64], motion: &Motion) -> f64 {
-        let of_parts = |part: &PlayPart| (part.call)(part.p(), part.memory(memory), motion);
+        let of_parts = |part: &LevelPart| (part.call)(part.p(), part.memory(memory), motion);
         let level = (self.level + self.levels.iter().map(of_parts).sum::<f64>()).max(0.0);
         let bent = memory[self.slot] + level * motion.velocity * motion.dt / PRESLIDING_M;
         memory[self.slot] = bent.clamp(-level, level);
@@ -123,8 +124,8 @@ impl Linkage {
             encoders: [Vec::new(), Vec::new()],
             belt_gaps: None,
             rail_gaps: [Vec::new(), Vec::new()],
-            belt_plays: [Vec::new(), Vec::new()],
-            rail_plays: [Vec::new(), Vec::new()],
+            belt_stretches: [Vec::new(), Vec::new()],
+            rail_stretches: [Vec::new(), Vec::new()],
             frames: Vec::new(),
             couplings: Vec::new(),
             mass: [0.0; 2],
@@ -139,8 +140,8 @@ impl Linkage {
             }
         }
         linkage.leave_rotors_out(twin);
-        // Only compliance and backlash need the force.
-        if linkage.has_plays() {
+        // Only compliance needs the force.
+        if linkage.has_stretches() {
             for rub in &mut linkage.rubs {
                 rub.slot = linkage.memory;
                 linkage.memory += 1;
@@ -185,9 +186,10 @@ impl Linkage {
                 covered.for_each(|k| self.rail_gaps[k].push(Part::new(gap, instance, memory)));
             }
             Physics::Stretch(call) => {
-                let plays =
-                    if axis.is_motor() { &mut self.belt_plays } else { &mut self.rail_plays };
-                covered.for_each(|k| plays[k].push(Part::new(call, instance, memory)));
+                let at_motor = axis.is_motor();
+                let stretches =
+                    if at_motor { &mut self.belt_stretches } else { &mut self.rail_stretches };
+                covered.for_each(|k| stretches[k].push(Part::new(call, instance, memory)));
             }
             Physics::Frame(call) => self.frames.push(Part::new(call, instance, memory)),
             Physics::Coupling(call) => {
@@ -248,10 +250,14 @@ impl Linkage {
 
     /// Return whether anything between motors and carriage has compliance or backlash.
     fn has_plays(&self) -> bool {
-        let mut plays = self.belt_plays.iter().chain(&self.rail_plays);
-        self.belt_gaps.is_some()
+        self.has_stretches()
+            || self.belt_gaps.is_some()
             || self.rail_gaps.iter().any(|parts| !parts.is_empty())
-            || plays.any(|parts| !parts.is_empty())
+    }
+
+    /// Return whether anything between motors and carriage has compliance.
+    fn has_stretches(&self) -> bool {
+        self.belt_stretches.iter().chain(&self.rail_stretches).any(|parts| !parts.is_empty())
     }
 
     /// Return whether the striker may move relative to its magnet.
@@ -302,22 +308,10 @@ impl Linkage {
             let motors = Carriage { position: rails(belt), ..carriage };
             belt = belts(gaps.load(&mut memory[*slot..], self.mass, &motors));
         }
-        let force = if self.has_plays() { self.force(memory, &carriage) } else { [0.0; 2] };
+        let force = if self.has_stretches() { self.force(memory, &carriage) } else { [0.0; 2] };
         let belt_force = belts(force).map(|sum| 0.5 * sum);
-        let (belt_velocity, belt_acceleration) =
-            (belts(carriage.velocity), belts(carriage.acceleration));
-        for (k, parts) in self.belt_plays.iter().enumerate() {
-            for part in parts {
-                let motion = Motion {
-                    dt: carriage.dt,
-                    position: belt[k],
-                    velocity: belt_velocity[k],
-                    acceleration: belt_acceleration[k],
-                    force: belt_force[k],
-                    ..Motion::default()
-                };
-                belt[k] = (part.call)(part.p(), part.memory(memory), &motion);
-            }
+        for (k, parts) in self.belt_stretches.iter().enumerate() {
+            belt[k] = stretched(parts, belt[k], belt_force[k]);
         }
         let mut place = rails(belt);
         for (k, parts) in self.rail_gaps.iter().enumerate() {
@@ -326,12 +320,8 @@ impl Linkage {
                 place[k] = part.call.load(part.memory(memory), &motion);
             }
         }
-        for (k, parts) in self.rail_plays.iter().enumerate() {
-            for part in parts {
-                let motion =
-                    Motion { position: place[k], force: force[k], ..Self::motion(&carriage, k) };
-                place[k] = (part.call)(part.p(), part.memory(memory), &motion);
-            }
+        for (k, parts) in self.rail_stretches.iter().enumerate() {
+            place[k] = stretched(parts, place[k], force[k]);
         }
         carriage.position = place;
         for part in &self.frames {
@@ -367,6 +357,13 @@ impl Linkage {
             self.mass[k] * carriage.acceleration[k] + friction
         })
     }
+}
+
+/// Position of the load (m) behind all `parts`, which transmit `force` (N), with the motor side at `position` (m).
+fn stretched(parts: &[StretchPart], position: f64, force: f64) -> f64 {
+    parts.iter().fold(position, |position, part| {
+        (part.call)(part.p(), &Motion { position, force, ..Motion::default() })
+    })
 }
 
 #[cfg(test)]

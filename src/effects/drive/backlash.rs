@@ -90,17 +90,17 @@ impl Gap {
         if memory[2] == 0.0 {
             (memory[0], memory[1], memory[2]) = (motion.position, motion.velocity, 1.0);
         }
-        let slowed = self.slowed(memory[1], motion.dt);
-        let coasted = memory[0] + 0.5 * motion.dt * (memory[1] + slowed);
+        let (coasted, slowed) = self.coasted(memory[0], memory[1], motion.dt);
         let held = coasted.clamp(motion.position - half, motion.position + half);
         memory[1] = if held == coasted { slowed } else { motion.velocity };
         memory[0] = held;
         held
     }
 
-    /// Velocity of a load (m/s) after `dt` seconds within the gap.
-    pub(crate) fn slowed(&self, velocity: f64, dt: f64) -> f64 {
-        (velocity.abs() - self.deceleration * dt).max(0.0).copysign(velocity)
+    /// Position (m) and velocity (m/s) of a load after `dt` seconds within the gap.
+    pub(crate) fn coasted(&self, position: f64, velocity: f64, dt: f64) -> (f64, f64) {
+        let slowed = (velocity.abs() - self.deceleration * dt).max(0.0).copysign(velocity);
+        (position + 0.5 * dt * (velocity + slowed), slowed)
     }
 }
 

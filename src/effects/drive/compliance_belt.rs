@@ -46,7 +46,7 @@ pub(crate) static COMPLIANCE_BELT: Effect = Effect {
     ],
     memory: 0,
     physics: Physics::Both(&[
-        Physics::Stretch(|p, _, motion| motion.position - p[0] * motion.force),
+        Physics::Stretch(|p, motion| motion.position - p[0] * motion.force),
         Physics::Transmission(spring),
     ]),
     regressors: &[Regressor::Acceleration],
@@ -169,8 +169,8 @@ mod tests {
             panic!("the belt transmits")
         };
         let motion = Motion { position: 0.2, force: 5.0, ..Motion::default() };
-        assert!((stretch(&[1e-4, 0.11, 0.1], &mut [], &motion) - 0.1995).abs() < 1e-12);
-        assert_eq!(stretch(COMPLIANCE_BELT.null, &mut [], &motion), 0.2);
+        assert!((stretch(&[1e-4, 0.11, 0.1], &motion) - 0.1995).abs() < 1e-12);
+        assert_eq!(stretch(COMPLIANCE_BELT.null, &motion), 0.2);
     }
 
     #[test]

@@ -18,8 +18,8 @@ pub struct Scan {
 pub static SCANS: &[(&Effect, Scan)] = &[(&RIPPLE_MOTOR, Scan { parameter: 2, propose: periods })];
 
 /// Effects whose loss has several minima in their magnitude. The load strikes the end of a gap of width b, crossed with
-/// an acceleration a, after sqrt(2 b / a): with another width, the simulated impact is beside the measured one and
-/// leaves more than none.
+/// an acceleration a, after sqrt(2 b / a): with another width, the simulated impact is earlier or later than the measured
+/// one, and leaves more than none.
 static SEVERAL_MINIMA: &[&Effect] = &[&BACKLASH];
 
 /// Ratio of neighbouring magnitudes that are tried for such an effect: an impact moves by less than 1 ms where the gap

@@ -36,7 +36,7 @@ pub(crate) static BELT_ASYMMETRY: Effect = Effect {
     memory: 0,
     physics: Physics::Both(&[
         Physics::Friction(|p, _, _| p[0]),
-        Physics::Stretch(|p, _, motion| motion.position - p[1] * motion.force),
+        Physics::Stretch(|p, motion| motion.position - p[1] * motion.force),
     ]),
     regressors: &[Regressor::Direction, Regressor::Acceleration, Regressor::Load],
     signals: Signal::MOTION,
@@ -67,7 +67,7 @@ mod tests {
         assert_eq!(rub(&[-0.4, 2e-5], &mut [], &Motion::default()), -0.4);
         // 8 N through 50 N/mm: 0.16 mm.
         let motion = Motion { position: 0.1, force: 8.0, ..Motion::default() };
-        assert!((stretch(&[0.0, 2e-5], &mut [], &motion) - 0.099_84).abs() < 1e-12);
-        assert_eq!(stretch(BELT_ASYMMETRY.null, &mut [], &motion), 0.1);
+        assert!((stretch(&[0.0, 2e-5], &motion) - 0.099_84).abs() < 1e-12);
+        assert_eq!(stretch(BELT_ASYMMETRY.null, &motion), 0.1);
     }
 }

@@ -73,7 +73,7 @@ fn fitted(
     let best = fits.min_by(|a, b| a.0.loss.total_cmp(&b.0.loss));
     let (found, how) = best.expect("there is a base, and sizes to start from");
     let found = from_other_starts(train, found, candidate, &how);
-    // In the given twin, the known parameters have not made up for the effect.
+    // In the given twin, the known parameters have not compensated for the effect.
     let (given, _) = bases[bases.len() - 1];
     let found = from_least_losses(train, found, given, candidate, &how);
     if candidate.effect.probes.len() < MANY_PROBES {
@@ -96,11 +96,21 @@ pub(super) fn with_candidate(
     candidate: &Candidate,
     filters: &Filters,
 ) -> impl Iterator<Item = (f64, Point)> {
-    screen::starts_towards_null(candidate).into_iter().map(move |values| {
-        let twin = screen::with(&base.twin, candidate.effect, candidate.axis, &values);
-        let point = Point { twin, nuisance: base.nuisance.clone() };
-        (fit::squared(&train.whitened(&point, filters)), point)
-    })
+    let starts = screen::starts_towards_null(candidate);
+    starts.into_iter().map(move |values| with_values(train, base, candidate, &values, filters))
+}
+
+/// `base` with the effect of `candidate` at these parameter values, with the squared residual.
+fn with_values(
+    train: &Problem<'_>,
+    base: &Point,
+    candidate: &Candidate,
+    values: &[f64],
+    filters: &Filters,
+) -> (f64, Point) {
+    let twin = screen::with(&base.twin, candidate.effect, candidate.axis, values);
+    let point = Point { twin, nuisance: base.nuisance.clone() };
+    (fit::squared(&train.whitened(&point, filters)), point)
 }
 
 /// The fit, or a better one from the other values of a parameter that was scanned for.
@@ -127,9 +137,7 @@ fn from_least_losses(
     let shape = values_of_last(&found.point.twin);
     let at = |magnitude: f64| {
         let values = [&[magnitude], &shape[1..]].concat();
-        let twin = screen::with(&base.point.twin, candidate.effect, candidate.axis, &values);
-        let point = Point { twin, nuisance: base.point.nuisance.clone() };
-        (fit::squared(&train.whitened(&point, how.filters)), point)
+        with_values(train, &base.point, candidate, &values, how.filters)
     };
     let tries: Vec<(f64, Point)> = magnitudes(candidate.effect).into_iter().map(at).collect();
     let loss = |index: usize| tries.get(index).map_or(f64::INFINITY, |(loss, _)| *loss);
