@@ -34,7 +34,8 @@
 //! - Confidence intervals by the sandwich covariance of Liang and Zeger (Biometrika 73, 1986). They are widened by the
 //!   variance between sessions (DerSimonian and Laird 1986), and by the difference to a fit with another weighting of
 //!   the errors (after Hausman, Econometrica 46, 1978).
-//! - Bonferroni correction for all pairs of effect and start that a screen tries.
+//! - Bonferroni correction for all pairs of effect and start that a screen tries, weighted by the size of an effect on
+//!   the validation sessions (Genovese, Roeder and Wasserman, Biometrika 93, 2006).
 //! - Selection between rivals by the same amplitude between two simulated changes: that of the better one must be above
 //!   one half.
 //! - Noise floors from measurements alone, never from a residual.

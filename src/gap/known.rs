@@ -174,12 +174,31 @@ impl<'t> RequiredGain<'t> {
         }
     }
 
-    /// Required gains of one more effect. The added ones `removed` a squared residual, and a square of `left` remains, both
-    /// in the metric in which the effect is tested. On a table with a reference, the rest may be a model error along the
-    /// added effects, in proportion to them, unless one more effect explains most of what is above the reference. The noise
-    /// floor of a single axis contains its model error; below the floor, one more effect must explain most of the rest.
-    pub(super) fn in_addition_to(mut self, removed: f64, left: f64) -> Self {
-        self.conditional = match (self.machine, self.floor, self.above_reference) {
+    /// Required gains of one more effect on the twin `base`. The added ones `removed` a squared residual, and a square of
+    /// `left` remains, both in the metric in which the effect is tested. On a drive with backlash, one more effect must explain
+    /// most of what is above the reference: impact times depend on noise, so no simulation reproduces them, and what shifts
+    /// them in the recorded sessions is no effect.
+    pub(super) fn in_addition_to(self, base: &Twin, removed: f64, left: f64) -> Self {
+        let rattles =
+            self.stage == StageKind::Drive && base.instances.iter().any(Instance::rattles);
+        let conditional = match self.above_reference.filter(|_| rattles) {
+            Some(above) => self.thresholds.majority * above,
+            None => self.least_after(removed, left),
+        };
+        Self { conditional, any_signal: false, ..self }
+    }
+
+    /// Required gains of an effect among others, tested without it, whichever of them was added first.
+    pub(super) fn in_any_order(self) -> Self {
+        Self { conditional: self.least_after(0.0, 1.0), any_signal: false, ..self }
+    }
+
+    /// Least gain after effects that `removed` a squared residual, with a square of `left`. On a table with a reference, the
+    /// rest may be a model error along the added effects, in proportion to them, unless one more effect explains most of
+    /// what is above the reference. The noise floor of a single axis contains its model error; below the floor, one more
+    /// effect must explain most of the rest.
+    fn least_after(&self, removed: f64, left: f64) -> f64 {
+        match (self.machine, self.floor, self.above_reference) {
             (Machine::Table, _, Some(above)) => {
                 let model_error = self.thresholds.model_error_of(self.machine);
                 let least = model_error * removed.max(0.0) / left.max(f64::MIN_POSITIVE);
@@ -187,14 +206,7 @@ impl<'t> RequiredGain<'t> {
             }
             (Machine::Axis, AtFloor::Yes(_), _) => self.thresholds.majority,
             _ => 0.0,
-        };
-        self.any_signal = false;
-        self
-    }
-
-    /// Required gains of an effect among others, tested without it, whichever of them was added first.
-    pub(super) fn in_any_order(self) -> Self {
-        self.in_addition_to(0.0, 1.0)
+        }
     }
 
     /// Return whether `twin` only redistributes the lags of `base`, on a machine with a reference
@@ -486,21 +498,31 @@ mod tests {
     fn one_more_effect_must_exceed_the_model_error_of_those_before() {
         let delay = crate::effects::find("drive.delay").unwrap();
         let twin = Twin::nominal(Machine::Table);
-        let conditional = on_drives(even(1.0), &twin).in_addition_to(3.0, 2.0);
+        let conditional = on_drives(even(1.0), &twin).in_addition_to(&twin, 3.0, 2.0);
         assert!(
             (conditional.of(delay, &[1e-3]) - 1.5 * DEFAULT.min_gain).abs() < 1e-12
                 && !conditional.any_signal
         );
         // Half of the residual is above the reference, and the other half noise.
-        let most = on_drives(even(1.0), &twin).in_addition_to(1e3, 1.0);
+        let most = on_drives(even(1.0), &twin).in_addition_to(&twin, 1e3, 1.0);
         assert_eq!(most.of(delay, &[1e-3]), 0.5 * DEFAULT.majority);
-        let unknown = on_drives(None, &twin).in_addition_to(3.0, 2.0);
+        let unknown = on_drives(None, &twin).in_addition_to(&twin, 3.0, 2.0);
         assert!(unknown.of(delay, &[1e-3]) == DEFAULT.min_gain && !unknown.any_signal);
+        let backlash = crate::effects::find("drive.backlash").unwrap();
+        let mut rattling = twin.clone();
+        rattling.instances.push(Instance::new(
+            backlash,
+            Axis::Motors,
+            &[1e-3, 50.0],
+            Source::Fitted,
+        ));
+        let beside = on_drives(even(1.0), &twin).in_addition_to(&rattling, 3.0, 2.0);
+        assert_eq!(beside.of(delay, &[1e-3]), 0.5 * DEFAULT.majority);
         // The floor of a single axis contains its model error.
         let axis = Twin::nominal(Machine::Axis);
         let of_axis = |floor| {
             RequiredGain::new(&DEFAULT, (&axis, StageKind::Axis), (even(1.0), even(1.0)), floor)
-                .in_addition_to(3.0, 2.0)
+                .in_addition_to(&axis, 3.0, 2.0)
                 .of(delay, &[1e-3])
         };
         assert_eq!(of_axis(AtFloor::No), DEFAULT.min_gain);

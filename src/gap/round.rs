@@ -70,6 +70,8 @@ pub(super) struct RoundStart<'p> {
     pub(super) base: &'p Fit,
     /// Whitening of its residual.
     pub(super) filters: &'p Filters,
+    /// The same with those known parameters at their given values that are not plausible as fitted, if any.
+    pub(super) plausible: Option<&'p (Fit, Filters)>,
     /// Given twin before any fit and any added effect.
     pub(super) given: Option<&'p (Fit, Filters)>,
     /// Number of instances in the given twin.
@@ -103,8 +105,9 @@ impl RoundStart<'_> {
         let square = |twin: &Twin| {
             fit::squared(&problem.whitened(&fit::on(problem, twin, filters), filters))
         };
-        let left = square(&self.base.point.twin);
-        self.required_gain.in_addition_to(square(before) - left, left)
+        let base = &self.base.point.twin;
+        let left = square(base);
+        self.required_gain.in_addition_to(base, square(before) - left, left)
     }
 }
 
@@ -191,10 +194,19 @@ fn chosen(
     train: &Problem<'_>,
     round_start: &RoundStart<'_>,
 ) -> (Vec<Rejected>, Vec<Candidate>, usize) {
-    let RoundStart { base, filters, given, previous, .. } = *round_start;
+    let RoundStart { base, filters, plausible, given, previous, .. } = *round_start;
     let candidates = screen::screen(train, base, filters);
-    let tries: usize = candidates.iter().map(|candidate| candidate.tries).sum();
+    let others =
+        plausible.map_or_else(Vec::new, |(fit, filters)| screen::screen(train, fit, filters));
+    let tries = candidates.iter().chain(&others).map(|candidate| candidate.tries).sum();
     let (mut rejected, mut short) = short_list(candidates, tries, train.thresholds());
+    for candidate in short_list(others, tries, train.thresholds()).1 {
+        let is_same = |own: &Candidate| own.is(candidate.effect, candidate.axis);
+        if !short.iter().any(is_same) {
+            rejected.retain(|other| !is_same(&other.candidate));
+            short.push(candidate);
+        }
+    }
     if let Some((given, filters)) = given {
         let nearest = direct::nearest(train, (given, filters), &base.point);
         for candidate in nearest.into_iter().take(GIVEN_SHORT_LIST) {
@@ -281,6 +293,7 @@ impl<'p> RoundStart<'p> {
         Self {
             base,
             filters,
+            plausible: None,
             given: None,
             given_instances: nominal.instances.len(),
             before_added: None,

@@ -278,9 +278,11 @@ impl Search<'_> {
         while self.added.len() < MOST_ADDED {
             let first = self.added.is_empty() && !has_split && !thresholds.is_at_reference(excess);
             let as_given = first.then(|| self.as_given(given));
+            let plausible = self.plausible(given);
             let round_start = RoundStart {
                 base: &self.best,
                 filters: &self.filters,
+                plausible: plausible.as_ref(),
                 given: as_given.as_ref(),
                 given_instances: given.twin.instances.len(),
                 before_added: self.before_added.as_ref(),
@@ -318,7 +320,7 @@ impl Search<'_> {
             }
         }
         self.note_end_of_rounds(MOST_ADDED);
-        if self.revise(given, excess, usize::from(!has_split)) {
+        if self.revise(given, excess) {
             excess = self.excess(validated.insert(self.validated()));
         }
         let validated = validated.unwrap_or_else(|| self.validated());
@@ -333,10 +335,9 @@ impl Search<'_> {
         self.unexplained(&validated, disturbance)
     }
 
-    /// Remove or exchange added effects that others replace; return whether anything changed. Backward elimination
-    /// keeps at least `kept` effects.
-    fn revise(&mut self, given: &Point, excess: Option<Excess>, kept: usize) -> bool {
-        let is_less = self.eliminate_unneeded((&given.twin, excess), kept);
+    /// Remove or exchange added effects that others replace; return whether anything changed.
+    fn revise(&mut self, given: &Point, excess: Option<Excess>) -> bool {
+        let is_less = self.eliminate_unneeded((&given.twin, excess));
         let is_other = self.exchange(given, excess);
         let is_fewer = self.eliminate_null();
         let is_minor = self.remove_minor(&given.twin);

@@ -15,19 +15,34 @@ type Load = ([f64; 2], [f64; 2]);
 const REACHED_M: f64 = 1e-12;
 
 /// Gaps between the motors and the load, which both belts move. A belt pulls along a diagonal, so a load that
-/// hangs on one of them still moves along the other one. A belt without backlash has a gap of no width.
+/// hangs on one of them still moves along the other one.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct BeltGaps([Gap; 2]);
+pub(super) struct BeltGaps {
+    /// Width of the gap of each belt (m of belt), zero without backlash.
+    widths: [f64; 2],
+    /// Deceleration of the load within the gaps along each axis (m/s^2).
+    decelerations: [f64; 2],
+}
 
 impl BeltGaps {
     /// Belts without backlash, whose load would be decelerated as that of `gap`.
     pub(super) fn none(gap: Gap) -> Self {
-        Self([Gap { width: 0.0, ..gap }; 2])
+        Self { widths: [0.0; 2], decelerations: [gap.deceleration; 2] }
     }
 
     /// Make the gap of a `belt` wider (m of belt).
     pub(super) fn widen(&mut self, belt: usize, width: f64) {
-        self.0[belt].width += width;
+        self.widths[belt] += width;
+    }
+
+    /// Distribute the deceleration over both axes as the `friction` (N) of the guides decelerates the `masses` (kg). Its
+    /// mean stays. Without friction of the guides or masses, both axes keep the same deceleration.
+    pub(super) fn decelerate_by(&mut self, friction: [f64; 2], masses: [f64; 2]) {
+        let shares = both(|k| friction[k] / masses[k]);
+        let mean = 0.5 * (shares[0] + shares[1]);
+        if mean.is_finite() && 0.0 < mean {
+            self.decelerations = both(|k| self.decelerations[k] * shares[k] / mean);
+        }
     }
 
     /// Position (m) of a load with `masses` (kg) along both axes, after one step of the `motors`.
@@ -37,7 +52,8 @@ impl BeltGaps {
             memory[2..4].copy_from_slice(&motors.velocity);
             memory[4] = 1.0;
         }
-        let [x, y] = [0, 1].map(|k| self.0[0].coasted(memory[k], memory[2 + k], motors.dt));
+        let [x, y] =
+            both(|k| Gap::coasted(memory[k], memory[2 + k], self.decelerations[k], motors.dt));
         let (position, velocity) = self.held(([x.0, y.0], [x.1, y.1]), masses, motors);
         memory[..2].copy_from_slice(&position);
         memory[2..4].copy_from_slice(&velocity);
@@ -70,7 +86,7 @@ impl BeltGaps {
     }
 
     fn clamped(&self, belt: usize, away: f64) -> f64 {
-        let half = 0.5 * self.0[belt].width;
+        let half = 0.5 * self.widths[belt];
         away.clamp(-half, half)
     }
 
@@ -119,7 +135,7 @@ mod tests {
     const WIDTH: f64 = 1e-3;
 
     fn gaps(widths: [f64; 2], deceleration: f64) -> BeltGaps {
-        BeltGaps(widths.map(|width| Gap { width, deceleration }))
+        BeltGaps { widths, decelerations: [deceleration; 2] }
     }
 
     fn motors(position: [f64; 2], velocity: [f64; 2]) -> Carriage {
@@ -174,6 +190,18 @@ mod tests {
             );
             assert!((0..2).all(|k| (place[k] - position[k]).abs() < 1e-12), "{place:?}");
         }
+    }
+
+    #[test]
+    fn friction_of_each_guide_decelerates_the_mass_that_it_guides() {
+        let mut own = gaps([WIDTH; 2], 3.0);
+        own.decelerate_by([2.0, 1.0], [0.4, 0.2]);
+        assert_eq!(own.decelerations, [3.0; 2]);
+        own.decelerate_by([2.0, 0.5], [0.4, 0.2]);
+        assert!((own.decelerations[0] - 4.0).abs() < 1e-12);
+        assert!((own.decelerations[1] - 2.0).abs() < 1e-12);
+        own.decelerate_by([0.0; 2], [0.0; 2]);
+        assert!((own.decelerations[0] - 4.0).abs() < 1e-12);
     }
 
     #[test]

@@ -140,6 +140,9 @@ impl Linkage {
             }
         }
         linkage.leave_rotors_out(twin);
+        if let Some((gaps, _)) = &mut linkage.belt_gaps {
+            gaps.decelerate_by(both(|k| linkage.rubs[k].level), linkage.mass);
+        }
         // Only compliance needs the force.
         if linkage.has_stretches() {
             for rub in &mut linkage.rubs {

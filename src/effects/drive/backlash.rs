@@ -11,7 +11,8 @@ use crate::effects::{
 /// has crossed the gap. A load with little friction coasts to the other end when the motor brakes.
 /// At an end it takes the velocity of the motor. It starts in the middle of the gap. A motor feels
 /// its own backlash: within the gap no force passes, so that only its rotor resists it (the load is 11 %
-/// of what moves along x, by the drawings of the table). Both belts of a gantry move one load.
+/// of what moves along x, by the drawings of the table). Both belts of a gantry move one load. The friction of each
+/// guide decelerates it in proportion to the mass that moves along it, and a_f is the mean of both axes.
 pub(crate) static BACKLASH: Effect = Effect {
     name: "drive.backlash",
     summary: "after a reversal the motor turns before the load follows",
@@ -90,16 +91,16 @@ impl Gap {
         if memory[2] == 0.0 {
             (memory[0], memory[1], memory[2]) = (motion.position, motion.velocity, 1.0);
         }
-        let (coasted, slowed) = self.coasted(memory[0], memory[1], motion.dt);
+        let (coasted, slowed) = Self::coasted(memory[0], memory[1], self.deceleration, motion.dt);
         let held = coasted.clamp(motion.position - half, motion.position + half);
         memory[1] = if held == coasted { slowed } else { motion.velocity };
         memory[0] = held;
         held
     }
 
-    /// Position (m) and velocity (m/s) of a load after `dt` seconds within the gap.
-    pub(crate) fn coasted(&self, position: f64, velocity: f64, dt: f64) -> (f64, f64) {
-        let slowed = (velocity.abs() - self.deceleration * dt).max(0.0).copysign(velocity);
+    /// Position (m) and velocity (m/s) of a load after `dt` seconds within a gap, with `deceleration` in m/s^2.
+    pub(crate) fn coasted(position: f64, velocity: f64, deceleration: f64, dt: f64) -> (f64, f64) {
+        let slowed = (velocity.abs() - deceleration * dt).max(0.0).copysign(velocity);
         (position + 0.5 * dt * (velocity + slowed), slowed)
     }
 }

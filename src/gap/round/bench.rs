@@ -253,25 +253,35 @@ impl<'a, 'b> Bench<'a, 'b> {
 
     /// Probability of the gain by chance, corrected for all comparisons (Bonferroni): that of the screen. For an effect that
     /// removes most of the residual, twice that of its fit where that is smaller: such an effect is most of what the
-    /// screen takes for noise. For an effect that changes over a session, at least that of its fit by long blocks: it is as
-    /// slow as the change from one motion to the next. Each motion has model errors of its own, which are as slow.
+    /// screen takes for noise. For another one that changes over a session, at least that of its fit by long blocks: it is
+    /// as slow as the change from one motion to the next. Each motion has model errors of its own, which are as slow.
     pub(super) fn p_value(&self, trial: &Trial) -> f64 {
         let effect = trial.candidate.effect;
         let tries = self.tries as f64;
         let screened = (trial.candidate.p_value * tries).min(1.0);
         let (before, after) = (&self.base_train_rows, &trial.train_rows);
-        if effect.changes_over_session() {
+        let left = fit::squared(after) / fit::squared(before).max(f64::MIN_POSITIVE);
+        let removes_most = self.thresholds().majority <= 1.0 - left;
+        if effect.changes_over_session() && !removes_most {
             let blocks = self.train.long_blocks();
             let slow = evidence::p_value_by_long_blocks(before, after, &blocks);
             return screened.max((tries * slow).min(1.0));
         }
-        let left = fit::squared(after) / fit::squared(before).max(f64::MIN_POSITIVE);
-        if screened <= self.thresholds().family_error || 1.0 - left < self.thresholds().majority {
+        if screened <= self.thresholds().family_error || !removes_most {
             return screened;
         }
         let count = effect.parameters.len();
         let fitted = evidence::p_value_of(before, after, count, &self.train.blocks());
         (2.0 * fitted * tries).min(screened)
+    }
+
+    /// Return whether the effect is significant with the share of the family-wise error that its size gives it: the square
+    /// of the fraction of the validation error that it removes. The smaller an effect, the more model errors are as large.
+    /// This is a weighted Bonferroni correction (Genovese, Roeder and Wasserman, Biometrika 93, 2006): weights of at most one
+    /// from the validation sessions, and p-values from the training sessions.
+    pub(super) fn is_significant_for_its_size(&self, trial: &Trial) -> bool {
+        let share = self.validation_gain(trial).clamp(0.0, 1.0).powi(2);
+        self.p_value(trial) <= share * self.thresholds().family_error
     }
 
     /// Gain of the log score on the validation sessions under the residual variance that the trial leaves on the

@@ -39,7 +39,8 @@ pub(super) fn rough_fits(
         train.columns(&train.evaluated(fit.point.clone()), &fit.slots, round_start.filters)
     };
     let mut bases = vec![(round_start.base, columns(round_start.base))];
-    bases.extend(round_start.given.map(|(given, _)| (given, columns(given))));
+    let others = round_start.plausible.into_iter().chain(round_start.given);
+    bases.extend(others.map(|(base, _)| (base, columns(base))));
     in_parallel(short, |candidate| {
         let fit = fitted(train, &bases, candidate, round_start.filters);
         let fit = from_previous_fit(train, fit, round_start, candidate);

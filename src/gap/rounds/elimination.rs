@@ -24,15 +24,9 @@ impl Search<'_> {
     /// Backward elimination: remove the least needed effect, refit, repeat; return whether any was removed. An effect
     /// is needed if the residual without it, all other parameters refitted, grows beyond chance and by the required
     /// gain. An early effect may have compensated for a later one, or a fit may have needed another effect to converge.
-    /// At least `kept` effects stay: a single effect was tested when it was added. That does not hold after a split of
-    /// a known effect.
-    pub(super) fn eliminate_unneeded(
-        &mut self,
-        given: (&Twin, Option<Excess>),
-        kept: usize,
-    ) -> bool {
+    pub(super) fn eliminate_unneeded(&mut self, given: (&Twin, Option<Excess>)) -> bool {
         let before = self.added.len();
-        while kept < self.added.len()
+        while !self.added.is_empty()
             && let Some((step, fit, filters)) = self.least_needed(given)
         {
             log::info!("{:?}: {} on {} is removed", self.kind, step.effect.name, step.axis);

@@ -1,6 +1,6 @@
 //! Refits of all known parameters, from the given values and from other starts (multistart).
 
-use super::StageData;
+use super::{Search, StageData};
 use crate::{
     gap::{
         batch::in_parallel,
@@ -11,7 +11,7 @@ use crate::{
         round::View,
         whiten::{self, Filters},
     },
-    twin::{Slot, StageKind, Twin},
+    twin::{Machine, Slot, StageKind, Twin},
 };
 
 /// Most other starts that are fitted. A larger number finds more distant minima and costs one fit each.
@@ -78,6 +78,32 @@ pub(super) fn multistart(
     }
 }
 
+impl Search<'_> {
+    /// Fit of the known parameters but for shape parameters that are not plausible in the best fit, which keep their given
+    /// values; `None` where all are, and on a table. Until an effect that is missing is added, a fit far away may describe the
+    /// data best: a fast integral action makes a proportional controller with a lag. No slope leads back from there. A
+    /// table is calibrated before.
+    pub(super) fn plausible(&self, given: &Point) -> Option<(Fit, Filters)> {
+        let twin = &self.best.point.twin;
+        let is_plausible = |slot: &Slot| {
+            let parameter = &twin.instances[slot.instance].effect.parameters[slot.parameter];
+            let (least, most) = parameter.plausible;
+            slot.parameter == 0
+                || given.twin.instances.len() <= slot.instance
+                || (least..=most).contains(&twin.get(*slot))
+        };
+        let slots = self.best.slots.iter().copied();
+        let free: Vec<Slot> = slots.filter(is_plausible).collect();
+        if twin.machine == Machine::Table || free.len() == self.best.slots.len() {
+            return None;
+        }
+        let start = with_given_values(self.best.point.clone(), given);
+        let (mut found, filters) = fit::converge(&self.train, start, &free, 10);
+        found.slots.clone_from(&self.best.slots);
+        Some((found, filters))
+    }
+}
+
 /// Given twin with only its nuisances fitted; `slots` are its known parameters.
 pub(super) fn with_nuisances_only(
     train: &Problem<'_>,
@@ -127,10 +153,7 @@ fn best_restart(train: &Problem<'_>, best: &Fit, given: &Point) -> Option<Point>
 /// Starts of [`best_restart`]: the given effects at their given values, and the same with one of them as fitted. The last
 /// ones are the fit with one parameter of the given effects at its null value.
 fn starts_with_one_change(best: &Fit, given: &Point) -> Vec<Point> {
-    let mut as_given = best.point.clone();
-    for (own, instance) in as_given.twin.instances.iter_mut().zip(&given.twin.instances) {
-        own.values.clone_from(&instance.values);
-    }
+    let as_given = with_given_values(best.point.clone(), given);
     let changed = fitted_instances(best, given).map(|index| {
         let mut point = as_given.clone();
         point.twin.instances[index].values.clone_from(&best.point.twin.instances[index].values);
@@ -139,6 +162,14 @@ fn starts_with_one_change(best: &Fit, given: &Point) -> Vec<Point> {
     let is_given = |slot: &&Slot| slot.instance < given.twin.instances.len();
     let nulled = best.slots.iter().filter(is_given).filter_map(|slot| at_null(&best.point, *slot));
     std::iter::once(as_given.clone()).chain(changed).chain(nulled).collect()
+}
+
+/// `point` with the effects of the `given` twin at their given values.
+fn with_given_values(mut point: Point, given: &Point) -> Point {
+    for (own, instance) in point.twin.instances.iter_mut().zip(&given.twin.instances) {
+        own.values.clone_from(&instance.values);
+    }
+    point
 }
 
 /// `point` with the parameter `slot` at its null value; `None` where its effect cannot do without it, or already does.

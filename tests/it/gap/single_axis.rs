@@ -36,17 +36,33 @@ fn reference(t: f64, phase: f64) -> [f64; 3] {
     motion
 }
 
+/// What is not the same on every machine.
+#[derive(Clone, Copy)]
+struct Machine {
+    /// Force at a position (N).
+    force: fn(f64) -> f64,
+    /// Coulomb friction at a time (N).
+    coulomb: fn(f64) -> f64,
+    /// Increase of the mass along the axis (kg/m).
+    slope: f64,
+}
+
+const MACHINE: Machine = Machine { force: |_| 0.0, coulomb: |_| COULOMB_N, slope: 0.0 };
+
 /// The mass, with a coloured random force on it.
 struct Mass {
     q: f64,
     v: f64,
+    coulomb: f64,
+    slope: f64,
     disturbance: f64,
     random: Stream,
 }
 
 impl Mass {
     fn new(seed: u64) -> Self {
-        Self { q: 0.0, v: 0.0, disturbance: 0.0, random: Stream::new(seed, "single axis") }
+        let random = Stream::new(seed, "single axis");
+        Self { q: 0.0, v: 0.0, coulomb: COULOMB_N, slope: 0.0, disturbance: 0.0, random }
     }
 
     fn begin_sample(&mut self) {
@@ -56,9 +72,13 @@ impl Mass {
 
     /// One step under `force` (N), which friction opposes.
     fn step(&mut self, force: f64) {
-        let free =
-            self.v + STEP_S / MASS_KG * (force + self.disturbance - VISCOUS_N_S_PER_M * self.v);
-        self.v = free.signum() * (free.abs() - STEP_S / MASS_KG * COULOMB_N).max(0.0);
+        let mass = MASS_KG + self.slope * self.q;
+        // A mass that grows along the axis is slowed by its own momentum.
+        let all = force + self.disturbance
+            - VISCOUS_N_S_PER_M * self.v
+            - 0.5 * self.slope * self.v.powi(2);
+        let free = self.v + STEP_S / mass * all;
+        self.v = free.signum() * (free.abs() - STEP_S / mass * self.coulomb).max(0.0);
         self.q += STEP_S * self.v;
     }
 
@@ -81,7 +101,7 @@ fn import(dir: &Path, name: &str, table: &str, [time, input, position]: [&str; 3
 
 /// A session of a position controller that holds each force until the next sample; `extra` is a force at a position (N).
 fn held_forces(dir: &Path, name: &str, seed: u64, extra: fn(f64) -> f64) -> String {
-    session(dir, name, seed, reference, extra)
+    session(dir, name, seed, reference, Machine { force: extra, ..MACHINE })
 }
 
 /// The same along another `reference`.
@@ -90,18 +110,19 @@ fn session(
     name: &str,
     seed: u64,
     reference: impl Fn(f64, f64) -> [f64; 3],
-    extra: fn(f64) -> f64,
+    machine: Machine,
 ) -> String {
     let mut table = "t_ms,force_mn,position_mm\n".to_owned();
-    let mut mass = Mass::new(seed);
+    let mut mass = Mass { slope: machine.slope, ..Mass::new(seed) };
     for k in 0..SAMPLES {
         let t = SAMPLE_S * k as f64;
+        mass.coulomb = (machine.coulomb)(t);
         let [target, speed, acceleration] = reference(t, seed as f64);
         let force = MASS_KG * acceleration + 900.0 * (target - mass.q) + 60.0 * (speed - mass.v);
         writeln!(table, "{},{},{}", 1e3 * t, 1e3 * force, mass.encoder_mm()).unwrap();
         mass.begin_sample();
         for _ in 0..STEPS_PER_SAMPLE {
-            mass.step(force + extra(mass.q));
+            mass.step(force + (machine.force)(mass.q));
         }
     }
     import(dir, name, &table, ["t_ms:ms", "force_mn:mN", "position_mm:mm"])
@@ -113,19 +134,29 @@ struct Drive {
     /// Gains (N s/m and N/m).
     proportional: f64,
     integral: f64,
-    /// Dead time of the setpoint in samples.
+    /// Dead time of the setpoint in samples, and its first-order lag after that (s).
     late_samples: usize,
+    lag_s: f64,
     /// Largest setpoint (m/s).
     limit: f64,
+    /// Coulomb friction of the mass (N).
+    coulomb: f64,
 }
 
-const DRIVE: Drive =
-    Drive { proportional: 120.0, integral: 0.0, late_samples: 0, limit: f64::INFINITY };
+const DRIVE: Drive = Drive {
+    proportional: 120.0,
+    integral: 0.0,
+    late_samples: 0,
+    lag_s: STEP_S,
+    limit: f64::INFINITY,
+    coulomb: COULOMB_N,
+};
 
 /// A session of velocity setpoints.
 fn velocity_setpoints(dir: &Path, name: &str, seed: u64, drive: Drive) -> String {
     let mut table = "t_ms,setpoint_mm_per_s,position_mm\n".to_owned();
-    let (mut mass, mut sum) = (Mass::new(seed), 0.0);
+    let mut mass = Mass { coulomb: drive.coulomb, ..Mass::new(seed) };
+    let (mut sum, mut smooth) = (0.0, 0.0);
     for k in 0..SAMPLES {
         let t = SAMPLE_S * k as f64;
         let setpoint = |t: f64| reference(t, seed as f64)[1];
@@ -133,7 +164,8 @@ fn velocity_setpoints(dir: &Path, name: &str, seed: u64, drive: Drive) -> String
         mass.begin_sample();
         for step in 0..STEPS_PER_SAMPLE {
             let arrived = t + STEP_S * step as f64 - SAMPLE_S * drive.late_samples as f64;
-            let error = setpoint(arrived).clamp(-drive.limit, drive.limit) - mass.v;
+            smooth += STEP_S / drive.lag_s * (setpoint(arrived) - smooth);
+            let error = smooth.clamp(-drive.limit, drive.limit) - mass.v;
             sum += STEP_S * error;
             mass.step(drive.proportional * error + drive.integral * sum);
         }
@@ -190,8 +222,8 @@ fn a_spring_is_named_from_short_moves() {
         ]
     };
     let dir = tempfile::tempdir().unwrap();
-    let spring = |q: f64| -SPRING_N_PER_M * q;
-    let sessions = pair(|name, seed| session(dir.path(), name, seed, short, spring));
+    let machine = Machine { force: |q| -SPRING_N_PER_M * q, ..MACHINE };
+    let sessions = pair(|name, seed| session(dir.path(), name, seed, short, machine));
     let (document, _) = gap(&sessions, None, &dir.path().join("out"));
     assert_eq!(names(&document), ["gantry.stiffness"], "{document:#}");
     let stiffness = parameter(&document, 0, 0);
@@ -202,7 +234,7 @@ fn a_spring_is_named_from_short_moves() {
 fn a_validation_session_without_motion_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let train = held_forces(dir.path(), "one", 1, |_| 0.0);
-    let validation = session(dir.path(), "validation", 2, |_, _| [0.0; 3], |_| 0.0);
+    let validation = session(dir.path(), "validation", 2, |_, _| [0.0; 3], MACHINE);
     let (document, status) = gap(&[train, validation], None, &dir.path().join("out"));
     assert_eq!((&document["verdict"], status), (&"not_testable".into(), 3), "{document:#}");
     let summary = document["summary"].as_str().unwrap();
@@ -240,6 +272,48 @@ fn the_delay_and_the_limit_of_a_velocity_setpoint_are_named() {
         let found = parameter(&document, 0, 0);
         assert!((found - value).abs() < 0.1 * value, "{name}: {found} of {value}");
     }
+}
+
+/// With a fast integral action and much viscous friction, the controller alone predicts a lag and a proportional controller.
+#[test]
+fn a_lag_before_a_slow_velocity_controller_is_named() {
+    const LAG_S: f64 = 0.041;
+    let dir = tempfile::tempdir().unwrap();
+    let drive = Drive { proportional: 24.0, lag_s: LAG_S, coulomb: 0.15, ..DRIVE };
+    let sessions = pair(|name, seed| velocity_setpoints(dir.path(), name, seed, drive));
+    let (document, _) = gap(&sessions, None, &dir.path().join("out"));
+    assert_eq!(names(&document), ["drive.lag1"], "{document:#}");
+    let found = parameter(&document, 0, 0);
+    assert!((found - LAG_S).abs() < 0.1 * LAG_S, "{found}");
+}
+
+/// Most of the change is in one of eight parts of a session.
+#[test]
+fn friction_that_falls_within_seconds_is_named() {
+    const CHANGE_N: f64 = -0.7;
+    const TIME_CONSTANT_S: f64 = 4.0;
+    let dir = tempfile::tempdir().unwrap();
+    let coulomb = |t: f64| COULOMB_N + CHANGE_N * (1.0 - (-t / TIME_CONSTANT_S).exp());
+    let machine = Machine { coulomb, ..MACHINE };
+    let sessions = pair(|name, seed| session(dir.path(), name, seed, reference, machine));
+    let (document, _) = gap(&sessions, None, &dir.path().join("out"));
+    assert_eq!(names(&document), ["drive.friction.thermal_drift"], "{document:#}");
+    let found = parameter(&document, 0, 0);
+    assert!((found - CHANGE_N).abs() < 0.1 * CHANGE_N.abs(), "{found}");
+}
+
+/// An end stop on both sides of one position is a spring, with two parameters more.
+#[test]
+fn a_spring_and_a_mass_that_changes_are_named() {
+    const SPRING_N_PER_M: f64 = 40.0;
+    const SLOPE_KG_PER_M: f64 = 6.0;
+    let dir = tempfile::tempdir().unwrap();
+    let machine = Machine { force: |q| -SPRING_N_PER_M * q, slope: SLOPE_KG_PER_M, ..MACHINE };
+    let sessions = pair(|name, seed| session(dir.path(), name, seed, reference, machine));
+    let (document, _) = gap(&sessions, None, &dir.path().join("out"));
+    let mut found = names(&document);
+    found.sort_unstable();
+    assert_eq!(found, ["gantry.mass_position", "gantry.stiffness"], "{document:#}");
 }
 
 /// An arm that a position controller turns.
