@@ -275,15 +275,6 @@ impl<'a, 'b> Bench<'a, 'b> {
         (2.0 * fitted * tries).min(screened)
     }
 
-    /// Return whether the effect is significant with the share of the family-wise error that its size gives it: the square
-    /// of the fraction of the validation error that it removes. The smaller an effect, the more model errors are as large.
-    /// This is a weighted Bonferroni correction (Genovese, Roeder and Wasserman, Biometrika 93, 2006): weights of at most one
-    /// from the validation sessions, and p-values from the training sessions.
-    pub(super) fn is_significant_for_its_size(&self, trial: &Trial) -> bool {
-        let share = self.validation_gain(trial).clamp(0.0, 1.0).powi(2);
-        self.p_value(trial) <= share * self.thresholds().family_error
-    }
-
     /// Gain of the log score on the validation sessions under the residual variance that the trial leaves on the
     /// training sessions.
     fn log_score_gain(&self, trial: &Trial) -> Option<LogScoreGain> {

@@ -143,10 +143,9 @@ impl Bench<'_, '_> {
         let is_old = size_of_last(&trial.fit.point.twin).is_some_and(|size| {
             self.required_gain.is_within_discrepancy(trial.candidate.effect, size)
         });
-        let is_shown = self.is_significant_for_its_size(trial) && self.exceeds_required_gain(trial);
         // An effect that only aligns the stamps of input and motion is no claim, so it needs no
         // magnitude.
-        let is_small = !aligns_stamps(&trial.fit.point.twin) && !is_shown;
+        let is_small = !aligns_stamps(&trial.fit.point.twin) && !self.exceeds_required_gain(trial);
         let (base, twin) = (&self.base_held.twin, &trial.fit.point.twin);
         let is_same_lag = self.required_gain.only_redistributes_lag(base, twin)
             && self.validation_gain(trial) < thresholds.majority;

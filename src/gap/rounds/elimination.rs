@@ -23,7 +23,8 @@ const MOST_REFITTED: usize = 2;
 impl Search<'_> {
     /// Backward elimination: remove the least needed effect, refit, repeat; return whether any was removed. An effect
     /// is needed if the residual without it, all other parameters refitted, grows beyond chance and by the required
-    /// gain. An early effect may have compensated for a later one, or a fit may have needed another effect to converge.
+    /// gain, and if its p-value is below its [`share`] of the family-wise error. An early effect may have compensated for
+    /// a later one, or a fit may have needed another effect to converge.
     pub(super) fn eliminate_unneeded(&mut self, given: (&Twin, Option<Excess>)) -> bool {
         let before = self.added.len();
         while !self.added.is_empty()
@@ -31,7 +32,7 @@ impl Search<'_> {
         {
             log::info!("{:?}: {} on {} is removed", self.kind, step.effect.name, step.axis);
             let reason = "Backward elimination: without it, all other parameters refitted, the residual does not grow \
-                          beyond chance, or by less than the model error";
+                          beyond chance, by less than the model error, or by too little for its p-value";
             self.remove_step(&step, (fit, filters), reason);
         }
         self.added.len() < before
@@ -51,9 +52,11 @@ impl Search<'_> {
         let with = self.rows(&self.best);
         let trials = self.reduced_fits(&self.elimination_candidates());
         let is_needed = |own: &ReducedFit| {
+            let gain = own.gain(1, &with);
             self.is_better_beyond_chance(&own.rows, &with)
                 && (with[1].is_empty()
-                    || required_gain(own).least(own.step.effect) <= own.gain(1, &with))
+                    || required_gain(own).least(own.step.effect) <= gain
+                        && own.step.p_value <= share(gain) * thresholds.family_error)
         };
         trials
             .into_iter()
@@ -445,6 +448,14 @@ impl ReducedFit {
     }
 }
 
+/// Share of the family-wise error for an effect that removes the fraction `gain` of the squared validation residual: its
+/// square. The smaller an effect, the more model errors are as large. This is a weighted Bonferroni correction (Genovese,
+/// Roeder and Wasserman, Biometrika 93, 2006): weights of at most one from the validation sessions, and p-values from the
+/// training sessions.
+fn share(gain: f64) -> f64 {
+    gain.clamp(0.0, 1.0).powi(2)
+}
+
 /// Fraction of the squared residual `without` an effect that is gone `with` it.
 fn explained(with: &[f64], without: &[f64]) -> f64 {
     1.0 - fit::squared(with) / fit::squared(without).max(f64::MIN_POSITIVE)
@@ -590,6 +601,13 @@ mod tests {
     }
 
     /// The interval of a magnitude in saturation contains zero, although the effect explains a third of the residual.
+    #[test]
+    fn a_smaller_effect_needs_a_smaller_p_value() {
+        assert_eq!([1.0, 0.5, 0.1].map(share), [1.0, 0.25, 0.1_f64.powi(2)]);
+        // Validation sessions that are predicted worse leave no share.
+        assert_eq!([share(-0.3), share(1.5)], [0.0, 1.0]);
+    }
+
     #[test]
     fn several_parameters_are_judged_by_the_residual_without_them() {
         let remains = |name: &str| {

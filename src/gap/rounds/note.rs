@@ -14,7 +14,7 @@ use crate::{
 /// Checks that an effect has passed when it is added.
 const CHECKS: [&str; 6] = [
     "no parameter on a bound, no wrong sign",
-    "p-value below the share of the family-wise error for its size, after Bonferroni correction",
+    "p-value below the family-wise error after Bonferroni correction",
     "the training sessions follow the change beyond chance",
     "the validation sessions follow the change beyond chance, at a consistent magnitude",
     "magnitude consistent between low and high speeds",
