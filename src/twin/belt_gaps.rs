@@ -40,7 +40,7 @@ impl BeltGaps {
     pub(super) fn decelerate_by(&mut self, friction: [f64; 2], masses: [f64; 2]) {
         let shares = both(|k| friction[k] / masses[k]);
         let mean = 0.5 * (shares[0] + shares[1]);
-        if mean.is_finite() && 0.0 < mean {
+        if mean.is_finite() && 0.0 < mean && shares.iter().all(|share| 0.0 <= *share) {
             self.decelerations = both(|k| self.decelerations[k] * shares[k] / mean);
         }
     }
@@ -200,8 +200,11 @@ mod tests {
         own.decelerate_by([2.0, 0.5], [0.4, 0.2]);
         assert!((own.decelerations[0] - 4.0).abs() < 1e-12);
         assert!((own.decelerations[1] - 2.0).abs() < 1e-12);
-        own.decelerate_by([0.0; 2], [0.0; 2]);
-        assert!((own.decelerations[0] - 4.0).abs() < 1e-12);
+        // Neither a gantry without friction or mass, nor a mass that a fit made negative, changes anything.
+        for (friction, masses) in [([0.0; 2], [0.0; 2]), ([2.0, 0.5], [0.4, -0.2])] {
+            own.decelerate_by(friction, masses);
+            assert!((own.decelerations[0] - 4.0).abs() < 1e-12);
+        }
     }
 
     #[test]
