@@ -276,6 +276,12 @@ impl Twin {
 const DIFFERENCE: f64 = 0.02;
 
 impl Twin {
+    /// Return whether `stage` shows impacts at the ends of a backlash.
+    #[must_use]
+    pub(crate) fn rattles_in(&self, stage: StageKind) -> bool {
+        stage == StageKind::Drive && self.instances.iter().any(Instance::rattles)
+    }
+
     /// Typical size of the parameter in `slot`.
     #[must_use]
     pub fn scale(&self, slot: Slot) -> f64 {

@@ -14,7 +14,7 @@ use crate::{
     twin::{Slot, Twin},
 };
 
-pub(super) use super::numerics::levenberg_marquardt::squared;
+pub(super) use super::numerics::levenberg_marquardt::{explained, squared};
 
 /// Precision of a fit: the relative gain of the squared error per iteration below which it ends.
 #[derive(Debug, Clone, Copy)]

@@ -179,9 +179,7 @@ impl<'t> RequiredGain<'t> {
     /// most of what is above the reference: impact times depend on noise, so no simulation reproduces them, and what shifts
     /// them in the recorded sessions is no effect.
     pub(super) fn in_addition_to(self, base: &Twin, removed: f64, left: f64) -> Self {
-        let rattles =
-            self.stage == StageKind::Drive && base.instances.iter().any(Instance::rattles);
-        let conditional = match self.above_reference.filter(|_| rattles) {
+        let conditional = match self.above_reference.filter(|_| base.rattles_in(self.stage)) {
             Some(above) => self.thresholds.majority * above,
             None => self.least_after(removed, left),
         };

@@ -201,11 +201,7 @@ fn chosen(
     let tries = candidates.iter().chain(&others).map(|candidate| candidate.tries).sum();
     let (mut rejected, mut short) = short_list(candidates, tries, train.thresholds());
     for candidate in short_list(others, tries, train.thresholds()).1 {
-        let is_same = |own: &Candidate| own.is(candidate.effect, candidate.axis);
-        if !short.iter().any(is_same) {
-            rejected.retain(|other| !is_same(&other.candidate));
-            short.push(candidate);
-        }
+        add_to_short_list(candidate, &mut short, &mut rejected);
     }
     if let Some((given, filters)) = given {
         let nearest = direct::nearest(train, (given, filters), &base.point);
@@ -215,22 +211,31 @@ fn chosen(
                 own.start = candidate.start;
                 own.is_as_good_as_refit = candidate.is_as_good_as_refit;
             } else {
-                rejected.retain(|other| !same(&other.candidate));
-                short.push(candidate);
+                add_to_short_list(candidate, &mut short, &mut rejected);
             }
         }
     }
     // What passed before may be hidden now: the winner and the known parameters may have taken its place.
     for earlier in previous.iter().filter(|earlier| earlier.has_passed) {
         let is_acting = |own: &Instance| earlier.candidate.is(own.effect, own.axis);
-        if !base.point.twin.instances.iter().any(is_acting)
-            && !short.iter().any(|own| earlier.is_of(own))
-        {
-            rejected.retain(|other| !earlier.is_of(&other.candidate));
-            short.push(earlier.candidate.clone());
+        if !base.point.twin.instances.iter().any(is_acting) {
+            add_to_short_list(earlier.candidate.clone(), &mut short, &mut rejected);
         }
     }
     (rejected, short, tries)
+}
+
+/// Add `candidate` to the `short` list in place of a rejection, unless it is there.
+fn add_to_short_list(
+    candidate: Candidate,
+    short: &mut Vec<Candidate>,
+    rejected: &mut Vec<Rejected>,
+) {
+    let is_same = |own: &Candidate| own.is(candidate.effect, candidate.axis);
+    if !short.iter().any(is_same) {
+        rejected.retain(|other| !is_same(&other.candidate));
+        short.push(candidate);
+    }
 }
 
 /// Candidates that are simulated and fitted, and the others with the reason of their rejection.

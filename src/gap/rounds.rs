@@ -14,7 +14,7 @@ use super::{
     unknown::{self, Unknown},
     whiten::{self, Filters},
 };
-use crate::twin::{Discrepancy, Instance, Machine, Slot, StageKind, Twin};
+use crate::twin::{Discrepancy, Machine, Slot, StageKind, Twin};
 
 mod alignment;
 mod elimination;
@@ -488,9 +488,8 @@ impl Search<'_> {
     /// with backlash is exempt: its impact times depend on noise, so no simulation reproduces them.
     fn disturbance(&self, given: &Point, validated: &Point) -> Option<Unknown> {
         let twin = &self.best.point.twin;
-        let rattles = self.kind == StageKind::Drive && twin.instances.iter().any(Instance::rattles);
         let is_noise = || twin.machine == Machine::Axis && !self.is_above_floor(&given.twin);
-        if !self.may_be_disturbed || rattles || is_noise() {
+        if !self.may_be_disturbed || twin.rattles_in(self.kind) || is_noise() {
             return None;
         }
         let before = excess(twin, [(&self.train, given)])?.most;

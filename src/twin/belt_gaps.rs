@@ -25,9 +25,9 @@ pub(super) struct BeltGaps {
 }
 
 impl BeltGaps {
-    /// Belts without backlash, whose load would be decelerated as that of `gap`.
-    pub(super) fn none(gap: Gap) -> Self {
-        Self { widths: [0.0; 2], decelerations: [gap.deceleration; 2] }
+    /// Belts without backlash, whose load would have this `deceleration` (m/s^2) along both axes.
+    pub(super) fn none(deceleration: f64) -> Self {
+        Self { widths: [0.0; 2], decelerations: [deceleration; 2] }
     }
 
     /// Make the gap of a `belt` wider (m of belt).

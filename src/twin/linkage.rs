@@ -234,7 +234,7 @@ impl Linkage {
         let (gaps, _) = self.belt_gaps.get_or_insert_with(|| {
             let slot = *memory;
             *memory += belt_gaps::MEMORY;
-            (BeltGaps::none(gap), slot)
+            (BeltGaps::none(gap.deceleration), slot)
         });
         (0..2).filter(|belt| axis.covers(*belt)).for_each(|belt| gaps.widen(belt, gap.width));
     }

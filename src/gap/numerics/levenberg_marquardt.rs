@@ -180,3 +180,9 @@ pub(in crate::gap) fn squared(values: &[f64]) -> f64 {
     let sum = dot(values, values);
     if sum.is_finite() { sum } else { f64::INFINITY }
 }
+
+/// Fraction of the squared residual `without` an effect that is gone `with` it.
+#[must_use]
+pub(in crate::gap) fn explained(with: &[f64], without: &[f64]) -> f64 {
+    1.0 - squared(with) / squared(without).max(f64::MIN_POSITIVE)
+}

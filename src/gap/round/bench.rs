@@ -260,8 +260,7 @@ impl<'a, 'b> Bench<'a, 'b> {
         let tries = self.tries as f64;
         let screened = (trial.candidate.p_value * tries).min(1.0);
         let (before, after) = (&self.base_train_rows, &trial.train_rows);
-        let left = fit::squared(after) / fit::squared(before).max(f64::MIN_POSITIVE);
-        let removes_most = self.thresholds().majority <= 1.0 - left;
+        let removes_most = self.thresholds().majority <= fit::explained(after, before);
         if effect.changes_over_session() && !removes_most {
             let blocks = self.train.long_blocks();
             let slow = evidence::p_value_by_long_blocks(before, after, &blocks);

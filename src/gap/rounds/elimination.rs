@@ -416,7 +416,7 @@ impl Search<'_> {
     fn discrepancy_along(&self, step: &Added, rest: &Fit) -> Option<Discrepancy> {
         let (with, without) = (self.rows(&self.best), self.rows(rest));
         let kind = usize::from(!with[1].is_empty());
-        let explained_fraction = explained(&with[kind], &without[kind]);
+        let explained_fraction = fit::explained(&with[kind], &without[kind]);
         let twin = &self.best.point.twin;
         let values = twin.instances[instance_of(twin, step)?].numbers();
         // Only the magnitude has a value without the effect.
@@ -444,7 +444,7 @@ impl ReducedFit {
     /// Fraction of the squared error that the effect removes, in sessions of one `kind`: 0 for training, 1 for
     /// validation.
     fn gain(&self, kind: usize, with: &[Vec<f64>; 2]) -> f64 {
-        explained(&with[kind], &self.rows[kind])
+        fit::explained(&with[kind], &self.rows[kind])
     }
 }
 
@@ -454,11 +454,6 @@ impl ReducedFit {
 /// training sessions.
 fn share(gain: f64) -> f64 {
     gain.clamp(0.0, 1.0).powi(2)
-}
-
-/// Fraction of the squared residual `without` an effect that is gone `with` it.
-fn explained(with: &[f64], without: &[f64]) -> f64 {
-    1.0 - fit::squared(with) / fit::squared(without).max(f64::MIN_POSITIVE)
 }
 
 /// Index in the twin of the effect of a step: of several instances, the one nearest to the scanned value of the step.

@@ -178,15 +178,20 @@ fn pair(session: impl Fn(&str, u64) -> String) -> [String; 2] {
     [("one", 1), ("validation", 2)].map(|(name, seed)| session(name, seed))
 }
 
+/// Result and exit status of `gap` on a pair of sessions, each made in a folder with a name and a seed.
+fn answer(session: impl Fn(&Path, &str, u64) -> String) -> (serde_json::Value, i32) {
+    let dir = tempfile::tempdir().unwrap();
+    let sessions = pair(|name, seed| session(dir.path(), name, seed));
+    gap(&sessions, None, &dir.path().join("out"))
+}
+
 fn parameter(document: &serde_json::Value, effect: usize, parameter: usize) -> f64 {
     document["effects"][effect]["parameters"][parameter]["value"].as_f64().unwrap()
 }
 
 #[test]
 fn a_held_input_and_the_reversals_of_friction_are_no_effects() {
-    let dir = tempfile::tempdir().unwrap();
-    let sessions = pair(|name, seed| held_forces(dir.path(), name, seed, |_| 0.0));
-    let (document, status) = gap(&sessions, None, &dir.path().join("out"));
+    let (document, status) = answer(|dir, name, seed| held_forces(dir, name, seed, |_| 0.0));
     assert_eq!((names(&document), status), (vec![], 0), "{document:#}");
     let warnings = document["warnings"].to_string();
     assert!(warnings.contains("is less than the sample period of 0.005"), "{warnings}");
@@ -195,10 +200,8 @@ fn a_held_input_and_the_reversals_of_friction_are_no_effects() {
 #[test]
 fn a_spring_beside_a_held_input_is_named() {
     const SPRING_N_PER_M: f64 = 40.0;
-    let dir = tempfile::tempdir().unwrap();
     let spring = |q: f64| -SPRING_N_PER_M * q;
-    let sessions = pair(|name, seed| held_forces(dir.path(), name, seed, spring));
-    let (document, _) = gap(&sessions, None, &dir.path().join("out"));
+    let (document, _) = answer(|dir, name, seed| held_forces(dir, name, seed, spring));
     assert_eq!(names(&document), ["gantry.stiffness"], "{document:#}");
     let stiffness = parameter(&document, 0, 0);
     assert!((stiffness - SPRING_N_PER_M).abs() < 0.05 * SPRING_N_PER_M, "{stiffness}");
@@ -221,10 +224,8 @@ fn a_spring_is_named_from_short_moves() {
             change * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / MOVE_S.powi(2),
         ]
     };
-    let dir = tempfile::tempdir().unwrap();
     let machine = Machine { force: |q| -SPRING_N_PER_M * q, ..MACHINE };
-    let sessions = pair(|name, seed| session(dir.path(), name, seed, short, machine));
-    let (document, _) = gap(&sessions, None, &dir.path().join("out"));
+    let (document, _) = answer(|dir, name, seed| session(dir, name, seed, short, machine));
     assert_eq!(names(&document), ["gantry.stiffness"], "{document:#}");
     let stiffness = parameter(&document, 0, 0);
     assert!((stiffness - SPRING_N_PER_M).abs() < 0.05 * SPRING_N_PER_M, "{stiffness}");
@@ -244,10 +245,9 @@ fn a_validation_session_without_motion_is_refused() {
 #[test]
 fn a_velocity_controller_with_friction_is_no_effect() {
     for (case, integral) in [("proportional", 0.0), ("integral", 2000.0)] {
-        let dir = tempfile::tempdir().unwrap();
         let drive = Drive { integral, ..DRIVE };
-        let sessions = pair(|name, seed| velocity_setpoints(dir.path(), name, seed, drive));
-        let (document, status) = gap(&sessions, None, &dir.path().join("out"));
+        let (document, status) =
+            answer(|dir, name, seed| velocity_setpoints(dir, name, seed, drive));
         assert_eq!((names(&document), status), (vec![], 0), "{case}: {document:#}");
         assert_eq!(document["verdict"], "none", "{case}: {document:#}");
     }
@@ -265,9 +265,7 @@ fn the_delay_and_the_limit_of_a_velocity_setpoint_are_named() {
         ),
         (Drive { limit: LIMIT_M_PER_S, ..DRIVE }, "drive.saturation.speed", LIMIT_M_PER_S),
     ] {
-        let dir = tempfile::tempdir().unwrap();
-        let sessions = pair(|name, seed| velocity_setpoints(dir.path(), name, seed, drive));
-        let (document, _) = gap(&sessions, None, &dir.path().join("out"));
+        let (document, _) = answer(|dir, name, seed| velocity_setpoints(dir, name, seed, drive));
         assert_eq!(names(&document), [name], "{document:#}");
         let found = parameter(&document, 0, 0);
         assert!((found - value).abs() < 0.1 * value, "{name}: {found} of {value}");
@@ -278,10 +276,8 @@ fn the_delay_and_the_limit_of_a_velocity_setpoint_are_named() {
 #[test]
 fn a_lag_before_a_slow_velocity_controller_is_named() {
     const LAG_S: f64 = 0.041;
-    let dir = tempfile::tempdir().unwrap();
     let drive = Drive { proportional: 24.0, lag_s: LAG_S, coulomb: 0.15, ..DRIVE };
-    let sessions = pair(|name, seed| velocity_setpoints(dir.path(), name, seed, drive));
-    let (document, _) = gap(&sessions, None, &dir.path().join("out"));
+    let (document, _) = answer(|dir, name, seed| velocity_setpoints(dir, name, seed, drive));
     assert_eq!(names(&document), ["drive.lag1"], "{document:#}");
     let found = parameter(&document, 0, 0);
     assert!((found - LAG_S).abs() < 0.1 * LAG_S, "{found}");
@@ -292,11 +288,9 @@ fn a_lag_before_a_slow_velocity_controller_is_named() {
 fn friction_that_falls_within_seconds_is_named() {
     const CHANGE_N: f64 = -0.7;
     const TIME_CONSTANT_S: f64 = 4.0;
-    let dir = tempfile::tempdir().unwrap();
     let coulomb = |t: f64| COULOMB_N + CHANGE_N * (1.0 - (-t / TIME_CONSTANT_S).exp());
     let machine = Machine { coulomb, ..MACHINE };
-    let sessions = pair(|name, seed| session(dir.path(), name, seed, reference, machine));
-    let (document, _) = gap(&sessions, None, &dir.path().join("out"));
+    let (document, _) = answer(|dir, name, seed| session(dir, name, seed, reference, machine));
     assert_eq!(names(&document), ["drive.friction.thermal_drift"], "{document:#}");
     let found = parameter(&document, 0, 0);
     assert!((found - CHANGE_N).abs() < 0.1 * CHANGE_N.abs(), "{found}");
@@ -307,10 +301,8 @@ fn friction_that_falls_within_seconds_is_named() {
 fn a_spring_and_a_mass_that_changes_are_named() {
     const SPRING_N_PER_M: f64 = 40.0;
     const SLOPE_KG_PER_M: f64 = 6.0;
-    let dir = tempfile::tempdir().unwrap();
     let machine = Machine { force: |q| -SPRING_N_PER_M * q, slope: SLOPE_KG_PER_M, ..MACHINE };
-    let sessions = pair(|name, seed| session(dir.path(), name, seed, reference, machine));
-    let (document, _) = gap(&sessions, None, &dir.path().join("out"));
+    let (document, _) = answer(|dir, name, seed| session(dir, name, seed, reference, machine));
     let mut found = names(&document);
     found.sort_unstable();
     assert_eq!(found, ["gantry.mass_position", "gantry.stiffness"], "{document:#}");
