@@ -207,6 +207,18 @@ pub struct Discrepancy {
     /// Recordings of this machine cannot determine a smaller offset. Empty where it was not estimated.
     #[serde(default)]
     pub parameter_offsets: Vec<f64>,
+    /// The effect as it was fitted; `None` where it was not simulated or failed a check that does not concern its size.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fitted: Option<FittedEffect>,
+}
+
+/// Effect as it was fitted to the reference recordings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FittedEffect {
+    /// Axis on which it acted.
+    pub location: Axis,
+    /// Values of its parameters, in their units.
+    pub values: Vec<f64>,
 }
 
 /// Measurement noise of the camera about a fitted twin.

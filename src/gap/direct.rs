@@ -14,7 +14,7 @@ use super::{
     whiten::Filters,
 };
 use crate::{
-    effects::{Axis, Effect},
+    effects::{Axis, Effect, magnitudes},
     stats::f_tail,
 };
 
@@ -96,9 +96,15 @@ fn simulated(
     pairs: &[(&'static Effect, Axis)],
 ) -> Vec<Try> {
     let nothing = problem.whitened(given, filters);
-    let probes: Vec<(&'static Effect, Axis, &[f64])> = pairs
+    let probes: Vec<(&'static Effect, Axis, Vec<f64>)> = pairs
         .iter()
-        .flat_map(|(effect, axis)| effect.probes.iter().map(|probe| (*effect, *axis, *probe)))
+        .flat_map(|(effect, axis)| {
+            // Between two probes, an effect with several minima may leave more than without it at all of them.
+            let shape = &effect.null[1..];
+            let more = magnitudes(effect).into_iter().map(move |own| [&[own], shape].concat());
+            let probes = effect.probes.iter().map(|probe| probe.to_vec()).chain(more);
+            probes.map(|probe| (*effect, *axis, probe))
+        })
         .collect();
     let all = in_parallel(&probes, |(effect, axis, probe)| {
         let simulated = |values: &[f64]| {
@@ -150,6 +156,36 @@ fn on_line(effect: &Effect, probe: &[f64], before: &[f64], after: &[f64]) -> Opt
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{
+        gap::{
+            test_stage::{TestStage, pulses_behind_a_gap},
+            whiten,
+        },
+        twin::{Machine, Twin},
+    };
+
+    #[test]
+    fn a_gap_that_no_probe_comes_near_is_proposed() {
+        const WIDTH: f64 = 0.84e-3;
+        let nominal = Twin::nominal(Machine::Axis);
+        let backlash = crate::effects::find("drive.backlash").unwrap();
+        let truth = screen::with(&nominal, backlash, Axis::Single, &[WIDTH, 50.0]);
+        let stage = TestStage::camera(&truth, pulses_behind_a_gap, 3);
+        let train = Problem::new(&[&stage as _], &nominal);
+        let point = train.start(nominal);
+        let filters = train.filters(&point, whiten::scale_filters);
+        let leaves = |width: f64| {
+            let twin = screen::with(&point.twin, backlash, Axis::Single, &[width, 50.0]);
+            fit::squared(&train.whitened(&train.start(twin), &filters))
+        };
+        let nothing = fit::squared(&train.whitened(&point, &filters));
+        let probed = backlash.probes.iter().map(|probe| leaves(probe[0]));
+        assert!(probed.fold(f64::INFINITY, f64::min) > nothing && leaves(WIDTH) < nothing);
+        let given = Fit { point, slots: vec![], loss: nothing, rows: 2000 };
+        let found = nearest(&train, (&given, &filters), &given.point);
+        let own = found.iter().find(|own| own.effect.name == backlash.name).unwrap();
+        assert!((own.start[0] / WIDTH - 1.0).abs() < 0.02, "{:?}", own.start);
+    }
 
     /// Optimum of the line when the probe changes the data by `change`, and `times` that change is present.
     fn start_on_line(name: &str, times: f64) -> Option<Vec<f64>> {

@@ -7,12 +7,15 @@
 use super::{
     fit,
     problem::{Point, Problem},
-    rounds::Outcome,
+    rounds::{Outcome, Reason},
+    screen,
     thresholds::Thresholds,
 };
 use crate::{
-    effects::{Domain, Effect, Physics},
-    twin::{Channel, Discrepancy, Instance, Machine, ReferenceResidual, StageKind, Twin},
+    effects::{Domain, Effect, Physics, find},
+    twin::{
+        Channel, Discrepancy, FittedEffect, Instance, Machine, ReferenceResidual, StageKind, Twin,
+    },
 };
 
 /// Excess of the recordings over the reference residuals, as fractions of the squared residual.
@@ -226,6 +229,21 @@ impl<'t> RequiredGain<'t> {
         least.max(self.conditional)
     }
 
+    /// `base` with each model error of the given twin that was simulated, unless the effect is in it.
+    pub(super) fn with_model_errors(&self, base: &Twin) -> Vec<Twin> {
+        let of_stage = self.discrepancy.iter().filter(|own| own.stage == self.stage);
+        let with = |own: &Discrepancy| {
+            let (effect, fitted) = (find(&own.effect)?, own.fitted.as_ref()?);
+            let is_in = base.instances.iter().any(|instance| {
+                instance.effect == effect && instance.axis.overlaps(fitted.location)
+            });
+            let is_complete = fitted.values.len() == effect.parameters.len();
+            (is_complete && !is_in)
+                .then(|| screen::with(base, effect, fitted.location, &fitted.values))
+        };
+        of_stage.filter_map(with).collect()
+    }
+
     /// Return whether `effect` maps positions after the measurement.
     fn is_exact(&self, effect: &Effect) -> bool {
         let is_map = matches!(effect.physics, Physics::Camera(_) | Physics::Frame(_));
@@ -278,6 +296,11 @@ pub(super) fn note_discrepancy(twin: &mut Twin, outcome: &Outcome<'_>) {
             .validation_gain
             .map_or(rejected.candidate.explained_fraction, |gain| gain.max(0.0)),
         parameter_offsets: rejected.candidate.parameter_offsets.clone(),
+        fitted: rejected
+            .values
+            .clone()
+            .filter(|_| rejected.reason == Reason::TooSmall)
+            .map(|values| FittedEffect { location: rejected.candidate.axis, values }),
     });
     let is_absent =
         |own: &&Discrepancy| !outcome.added.iter().any(|step| step.effect.name == own.effect);
@@ -290,6 +313,9 @@ pub(super) fn note_discrepancy(twin: &mut Twin, outcome: &Outcome<'_>) {
                     || other.parameter_offsets.is_empty()
                 {
                     other.parameter_offsets = own.parameter_offsets;
+                }
+                if other.fitted.is_none() || other.explained_fraction < own.explained_fraction {
+                    other.fitted = own.fitted.or(other.fitted.take());
                 }
                 other.explained_fraction = other.explained_fraction.max(own.explained_fraction);
             }
@@ -459,6 +485,7 @@ mod tests {
             effect: lag.name.to_owned(),
             explained_fraction: 0.03,
             parameter_offsets: vec![2e-5],
+            fitted: None,
         }];
         let required_gain = |stage, excess| {
             RequiredGain::new(&DEFAULT, (&twin, stage), (excess, excess), AtFloor::No)

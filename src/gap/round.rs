@@ -271,7 +271,7 @@ fn short_list(
             } else {
                 Reason::Outperformed(short.first().map_or("", |first| first.effect.name).to_owned())
             };
-        rejected.push(Rejected { candidate, reason, validation_gain: None });
+        rejected.push(Rejected { candidate, reason, validation_gain: None, values: None });
     }
     (rejected, short)
 }

@@ -541,7 +541,7 @@ mod tests {
             shift: vec![shift],
             other_starts: Vec::new(),
         };
-        Rejected { candidate, reason, validation_gain: None }
+        Rejected { candidate, reason, validation_gain: None, values: None }
     }
 
     #[test]

@@ -26,6 +26,12 @@ pub(super) fn sines(twin: &Twin, time: f64) -> f64 {
         + amplitude("drive.delay") * (TAU * time).cos()
 }
 
+/// Pulses of 10 ms, each of which comes later by 40 s per metre of a backlash: beyond one pulse, no slope leads there.
+pub(super) fn pulses_behind_a_gap(twin: &Twin, time: f64) -> f64 {
+    let own = twin.instances.iter().find(|own| own.effect.name == "drive.backlash");
+    own.map_or(0.0, |own| (-((time % 0.5 - 0.1 - 40.0 * own.values[0].value) / 0.01).powi(2)).exp())
+}
+
 /// Nominal single axis with this mass: for [`sines`], a frequency (Hz).
 pub(super) fn axis_of_frequency(frequency: f64) -> Twin {
     let mut twin = Twin::nominal(Machine::Axis);

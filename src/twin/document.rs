@@ -452,7 +452,7 @@ pub fn write_twin(twin: &Twin, path: &Path) -> Result<(), RecordingError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::twin::{Estimate, StageKind};
+    use crate::twin::{Estimate, FittedEffect, StageKind};
 
     /// The built-in twin of a table as its file, without the `parameter` of the effect `name`.
     fn without(name: &str, parameter: &str) -> Result<Twin, TwinError> {
@@ -548,6 +548,7 @@ mod tests {
             effect: "drive.lag1".to_owned(),
             explained_fraction: 0.03,
             parameter_offsets: vec![2e-5],
+            fitted: Some(FittedEffect { location: Axis::Motors, values: vec![2e-5] }),
         });
         let estimate = |value| Estimate { value, standard_error: 0.1 * value };
         twin.measurement_noise.push(MeasurementNoise {

@@ -41,39 +41,35 @@ impl Bench<'_, '_> {
         !optional.is_empty() && self.carry_most(trial, &optional)
     }
 
-    /// Return whether most of the gain of `trial` is lost without `parts` of its effect, all other parameters refitted.
+    /// Return whether `parts` of the effect of `trial` change the prediction more than the rest of it, all else as fitted,
+    /// and the data need them beyond chance. What a refit leaves of the gain does not decide: a spring that is far softer,
+    /// with much damping, follows a course as late as a striker with friction.
     fn carry_most(&self, trial: &Trial, parts: &[Slot]) -> bool {
         let own = slots_of_last(&trial.fit.point.twin);
         let without = |gone: &[Slot]| {
             let mut point = trial.fit.point.clone();
-            for slot in gone {
-                point.twin.set_to_null(*slot);
-            }
+            gone.iter().for_each(|slot| point.twin.set_to_null(*slot));
             point
         };
-        let (rest, nothing) = (without(parts), without(&own));
+        let rest = without(parts);
         let rows = |point: &Point| self.train.whitened(point, self.filters);
-        let change = squared_distance(&rows(&nothing), &trial.train_rows);
-        if squared_distance(&rows(&rest), &rows(&nothing)) <= IDLE * change {
+        let (rest_rows, nothing_rows) = (rows(&rest), rows(&without(&own)));
+        let by_rest = squared_distance(&rest_rows, &nothing_rows);
+        if by_rest <= IDLE * squared_distance(&nothing_rows, &trial.train_rows) {
             return true;
         }
-        let refitted = |point: Point, gone: &[Slot]| {
-            let slots = trial.fit.slots.iter().copied();
-            let others: Vec<Slot> = slots.filter(|slot| !gone.contains(slot)).collect();
-            fit::fit(self.train, point, &others, self.filters, PARTS_ITERATIONS).point.twin
+        if squared_distance(&rest_rows, &trial.train_rows) < by_rest {
+            return false;
+        }
+        let slots = trial.fit.slots.iter().copied();
+        let others: Vec<Slot> = slots.filter(|slot| !parts.contains(slot)).collect();
+        let refitted = fit::fit(self.train, rest, &others, self.filters, PARTS_ITERATIONS).point;
+        let needs = |problem: &Problem<'_>, point: &Point, with: &[f64]| {
+            self.thresholds().is_in(&problem.whitened(point, self.filters), with, &problem.blocks())
         };
-        let (rest, nothing) = (refitted(rest, parts), refitted(nothing, &own));
-        let needs = |problem: &Problem<'_>, with: &[f64]| {
-            let rows =
-                |twin: &Twin| problem.whitened(&fit::on(problem, twin, self.filters), self.filters);
-            let without = rows(&rest);
-            let [nothing, rest, all] = [&rows(&nothing), &without, with].map(fit::squared);
-            self.thresholds().is_in(&without, with, &problem.blocks())
-                && (nothing - rest).max(0.0) <= rest - all
-        };
-        let held_out = self.held_out;
-        (held_out.parts.is_empty() || needs(held_out, &trial.held_rows))
-            && needs(self.train, &trial.train_rows)
+        let held_out = || fit::on(self.held_out, &refitted.twin, self.filters);
+        (self.held_out.parts.is_empty() || needs(self.held_out, &held_out(), &trial.held_rows))
+            && needs(self.train, &refitted, &trial.train_rows)
     }
 
     /// Return whether the data prefer the effect multiplied by the speed to the effect as its physics states it. An effect

@@ -257,7 +257,10 @@ mod tests {
     use crate::{
         effects::{Axis, find},
         gap::{
-            test_stage::{TestStage, axis_of_frequency, candidate, first_parameters, sines, with},
+            test_stage::{
+                TestStage, axis_of_frequency, candidate, first_parameters, pulses_behind_a_gap,
+                sines, with,
+            },
             whiten,
         },
         twin::{Machine, Twin},
@@ -303,17 +306,10 @@ mod tests {
     #[test]
     fn a_wide_gap_is_found_across_other_minima_of_the_loss() {
         const WIDTH: f64 = 1.33e-3;
-        // Pulses of 10 ms, each of which comes later by 40 s per metre of the gap: beyond one pulse, no slope leads there.
-        let pulse = |twin: &Twin, time: f64| {
-            let own = twin.instances.iter().find(|own| own.effect.name == "drive.backlash");
-            own.map_or(0.0, |own| {
-                (-((time % 0.5 - 0.1 - 40.0 * own.values[0].value) / 0.01).powi(2)).exp()
-            })
-        };
         let nominal = Twin::nominal(Machine::Axis);
         let backlash = find("drive.backlash").unwrap();
         let truth = screen::with(&nominal, backlash, Axis::Single, &[WIDTH, 50.0]);
-        let stage = TestStage::camera(&truth, pulse, 3);
+        let stage = TestStage::camera(&truth, pulses_behind_a_gap, 3);
         let train = Problem::new(&[&stage as _], &nominal);
         let base = Fit {
             point: train.start(nominal.clone()),

@@ -14,7 +14,7 @@ use crate::{
         whiten::Filters,
     },
     stats::t_quantile,
-    twin::{Discrepancy, Instance, Machine, Slot, Twin},
+    twin::{Discrepancy, FittedEffect, Instance, Machine, Slot, Twin},
 };
 
 /// Elimination candidates that are fitted to convergence. A larger number costs one fit each per step.
@@ -418,7 +418,7 @@ impl Search<'_> {
         let kind = usize::from(!with[1].is_empty());
         let explained_fraction = fit::explained(&with[kind], &without[kind]);
         let twin = &self.best.point.twin;
-        let values = twin.instances[instance_of(twin, step)?].numbers();
+        let instance = &twin.instances[instance_of(twin, step)?];
         // Only the magnitude has a value without the effect.
         let offset =
             |(k, value): (usize, f64)| if k == 0 { value - step.effect.null[0] } else { 0.0 };
@@ -426,7 +426,8 @@ impl Search<'_> {
             stage: self.kind,
             effect: step.effect.name.to_owned(),
             explained_fraction,
-            parameter_offsets: values.into_iter().enumerate().map(offset).collect(),
+            parameter_offsets: instance.numbers().into_iter().enumerate().map(offset).collect(),
+            fitted: Some(FittedEffect { location: step.axis, values: instance.numbers() }),
         })
     }
 }

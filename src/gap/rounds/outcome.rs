@@ -91,6 +91,8 @@ pub struct Rejected {
     /// Fraction of the squared whitened residual on the validation sessions that it removes; `None` if it was not
     /// simulated.
     pub validation_gain: Option<f64>,
+    /// Values of its parameters, if it was simulated.
+    pub values: Option<Vec<f64>>,
 }
 
 /// Candidate that was simulated and fitted in a round.

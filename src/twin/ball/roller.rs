@@ -1,7 +1,7 @@
 //! Simulation of the ball between and at the walls.
 //!
-//! Steps take at most a millisecond. Within a step the accelerations are constant and the impacts
-//! are solved for, so the path depends smoothly on every parameter:
+//! Within a step ([`LONGEST_STEP`], [`LONGEST_WAY`]) the accelerations are constant and the impacts are solved for, so
+//! the path depends smoothly on every parameter:
 //!
 //! ```text
 //! velocity  v' = (v + a t - friction of sliding) shortened by r t, and 0 when nothing is left
@@ -19,12 +19,15 @@
 
 use super::{BALL_RADIUS, HALF_BOARD};
 use crate::{
-    effects::{Ball, CATALOGUE, Change, Impact, Physics, Wall, both},
+    effects::{Ball, CATALOGUE, Change, Domain, Impact, Physics, Regressor, Wall, both},
     twin::Instance,
 };
 
-/// Longest step (s).
-const STEP: f64 = 1e-3;
+/// Longest step (s): half of a period of a camera with 120 Hz.
+const LONGEST_STEP: f64 = 4.2e-3;
+
+/// Longest way of a step through accelerations that depend on the position of the ball (m).
+const LONGEST_WAY: f64 = 1e-3;
 
 /// Impacts within one step; beyond it the ball rests against its wall for the rest of the step.
 const MOST_IMPACTS: usize = 8;
@@ -63,6 +66,8 @@ pub(super) struct Rules {
     wall: Vec<Law<WallLaw>>,
     camera: Vec<Law<CameraLaw>>,
     delay: Vec<Law<DelayLaw>>,
+    /// `true` where an acceleration depends on the position of the ball.
+    depends_on_position: bool,
 }
 
 impl Rules {
@@ -74,6 +79,8 @@ impl Rules {
         sorted.sort_by_key(place);
         let mut rules = Self::default();
         for instance in sorted {
+            rules.depends_on_position |= instance.effect.domain == Domain::Ball
+                && instance.effect.regressors.contains(&Regressor::Position);
             for equation in instance.effect.physics.equations() {
                 rules.add(*equation, instance.numbers());
             }
@@ -204,6 +211,8 @@ pub(super) struct Roller<'a> {
     ball: Ball,
     slip: [f64; 2],
     spin: f64,
+    /// Accelerations during the step before.
+    forces_before: Forces,
 }
 
 impl<'a> Roller<'a> {
@@ -216,7 +225,8 @@ impl<'a> Roller<'a> {
             ..Ball::default()
         };
         let launch: f64 = rules.launch.iter().map(|(law, p)| law(p)).sum();
-        Self { rules, ball, slip: ball.velocity.map(|v| launch * v), spin: 0.0 }
+        let slip = ball.velocity.map(|v| launch * v);
+        Self { rules, ball, slip, spin: 0.0, forces_before: Forces::default() }
     }
 
     /// Continue in the middle of a roll without slip: the remaining slip is unknown.
@@ -255,7 +265,11 @@ impl<'a> Roller<'a> {
         if span <= 0.0 {
             return;
         }
-        let steps = (span / STEP * (1.0 - 1e-9)).ceil().max(1.0);
+        let mut steps = span / LONGEST_STEP;
+        if self.rules.depends_on_position {
+            steps = steps.max(span * length(self.ball.velocity) / LONGEST_WAY);
+        }
+        let steps = (steps * (1.0 - 1e-9)).ceil().max(1.0);
         for _ in 0..steps as usize {
             self.step(span / steps);
         }
@@ -287,16 +301,16 @@ impl<'a> Roller<'a> {
         Free { place: self.ball.position, velocity: self.ball.velocity, slip: self.slip }
     }
 
-    /// Forces in the middle of the next `span` seconds.
+    /// Forces in the middle of the next `span` seconds, which the ball reaches under those of the step before.
     #[inline(always)]
-    fn forces(&self, span: f64) -> Forces {
-        let mut middle = self.ball;
-        middle.time += span / 2.0;
-        middle.since_impact += span / 2.0;
-        for k in 0..2 {
-            middle.position[k] += middle.velocity[k] * span / 2.0;
-        }
-        self.rules.forces(&middle)
+    fn forces(&mut self, span: f64) -> Forces {
+        let half = 0.5 * span;
+        let Free { place, velocity, .. } = self.free().after(&self.forces_before, half);
+        let mut middle = Ball { position: place, velocity, ..self.ball };
+        middle.time += half;
+        middle.since_impact += half;
+        self.forces_before = self.rules.forces(&middle);
+        self.forces_before
     }
 
     #[inline(always)]

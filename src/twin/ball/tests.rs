@@ -215,6 +215,43 @@ fn finite_differences_of_two_sizes_agree() {
 }
 
 #[test]
+fn steps_are_short_enough_for_every_effect_of_the_ball() {
+    /// Largest difference from a path in steps of 0.1 ms (m); the noise of a camera is ten times larger.
+    const SAME: f64 = 25e-6;
+    /// Steps of the finer path within a frame.
+    const FINE: usize = 83;
+    for effect in
+        CATALOGUE.iter().filter(|effect| matches!(effect.domain, Domain::Ball | Domain::Impact))
+    {
+        for probe in effect.probes {
+            let mut instances = vec![instance(effect.name, probe)];
+            if effect.name != "ball.rolling_resistance" {
+                instances.push(instance("ball.rolling_resistance", &[0.012, 0.01]));
+            }
+            let rules = Rules::new(&instances);
+            let places = |steps: usize| -> Vec<[f64; 2]> {
+                let mut roller = Roller::new(&rules, &[-0.02, 0.03, 0.9, -1.1]);
+                // Three centimetres from the path: a roll ends where the ball may touch a striker.
+                roller.strikers([Some([0.02, 0.03]), Some([-0.04, -0.04])]);
+                let place = |frame: usize| {
+                    for step in 1..=steps {
+                        roller.advance_to((frame as f64 + step as f64 / steps as f64) / 120.0);
+                    }
+                    roller.place()
+                };
+                (0..76).map(place).collect()
+            };
+            for (usual, fine) in places(1).iter().zip(places(FINE)) {
+                for axis in 0..2 {
+                    let difference = (usual[axis] - fine[axis]).abs();
+                    assert!(difference < SAME, "{} {probe:?}: {difference} m", effect.name);
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn finite_differences_of_the_start_agree() {
     let rules =
         rules(&[("ball.rolling_resistance", &[0.012, 0.0]), ("impact.wall_restitution", &[0.85])]);
