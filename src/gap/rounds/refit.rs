@@ -182,23 +182,13 @@ pub(in crate::gap) fn at_null(point: &Point, slot: Slot) -> Option<Point> {
     })
 }
 
-/// Starts of [`best_restart`]: `as_given` with the fitted parameters of one effect at one of its probes, on one axis or on
-/// all axes that have it. Belts of the same kind stretch alike.
+/// Starts of [`best_restart`]: `as_given` with the fitted parameters of one effect at one of its probes.
 fn starts_at_probes(as_given: &Point, best: &Fit, given: &Point) -> Vec<Point> {
-    let fitted: Vec<usize> = fitted_instances(best, given).collect();
-    let effect_of = |index: usize| given.twin.instances[index].effect;
-    let alike = |index: usize| -> Vec<usize> {
-        fitted.iter().copied().filter(|other| effect_of(*other) == effect_of(index)).collect()
-    };
-    let mut groups: Vec<Vec<usize>> = fitted.iter().map(|index| vec![*index]).collect();
-    groups.extend(fitted.iter().map(|index| alike(*index)).filter(|own| 1 < own.len()));
-    groups.sort();
-    groups.dedup();
     let mut starts = Vec::new();
-    for group in groups {
-        for probe in effect_of(group[0]).probes {
+    for index in fitted_instances(best, given) {
+        for probe in given.twin.instances[index].effect.probes {
             let mut point = as_given.clone();
-            for slot in best.slots.iter().filter(|slot| group.contains(&slot.instance)) {
+            for slot in best.slots.iter().filter(|slot| slot.instance == index) {
                 point.twin.set(*slot, probe[slot.parameter]);
             }
             starts.push(point);
