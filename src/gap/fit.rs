@@ -224,6 +224,12 @@ pub(super) fn on(problem: &Problem<'_>, twin: &Twin, filters: &Filters) -> Point
     adapt(problem, problem.start(twin.clone()), filters)
 }
 
+/// Whitened residual of `twin` on such a problem.
+#[must_use]
+pub(super) fn residual_on(problem: &Problem<'_>, twin: &Twin, filters: &Filters) -> Vec<f64> {
+    problem.whitened(&on(problem, twin, filters), filters)
+}
+
 /// `point` with its nuisances and parameters of a session refitted, every signal in units of its RMS. The gap is
 /// measured at this point: whitening tolerates slow errors and must not choose the start of a roll.
 #[must_use]

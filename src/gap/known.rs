@@ -179,8 +179,7 @@ impl<'t> RequiredGain<'t> {
 
     /// Required gains of one more effect on the twin `base`. The added ones `removed` a squared residual, and a square of
     /// `left` remains, both in the metric in which the effect is tested. On a drive with backlash, one more effect must explain
-    /// most of what is above the reference: impact times depend on noise, so no simulation reproduces them, and what shifts
-    /// them in the recorded sessions is no effect.
+    /// most of what is above the reference. Impact times depend on noise there, so no simulation reproduces them.
     pub(super) fn in_addition_to(self, base: &Twin, removed: f64, left: f64) -> Self {
         let conditional = match self.above_reference.filter(|_| base.rattles_in(self.stage)) {
             Some(above) => self.thresholds.majority * above,

@@ -102,9 +102,7 @@ impl RoundStart<'_> {
             true => problems.train,
             false => problems.held_out,
         };
-        let square = |twin: &Twin| {
-            fit::squared(&problem.whitened(&fit::on(problem, twin, filters), filters))
-        };
+        let square = |twin: &Twin| fit::squared(&fit::residual_on(problem, twin, filters));
         let base = &self.base.point.twin;
         let left = square(base);
         self.required_gain.in_addition_to(base, square(before) - left, left)

@@ -154,7 +154,7 @@ fn validation_rows(
     twins: (&Twin, &Twin),
     filters: &Filters,
 ) -> [Vec<f64>; 2] {
-    [twins.0, twins.1].map(|twin| held_out.whitened(&fit::on(held_out, twin, filters), filters))
+    [twins.0, twins.1].map(|twin| fit::residual_on(held_out, twin, filters))
 }
 
 /// Return whether the validation sessions prefer the second twin beyond chance. It must also remove at least the

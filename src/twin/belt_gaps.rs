@@ -15,7 +15,7 @@ type Load = ([f64; 2], [f64; 2]);
 const REACHED_M: f64 = 1e-12;
 
 /// Gaps between the motors and the load, which both belts move. A belt pulls along a diagonal, so a load that
-/// hangs on one of them still moves along the other one.
+/// one of them holds still moves along the other one.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BeltGaps {
     /// Width of the gap of each belt (m of belt), zero without backlash.
@@ -219,7 +219,7 @@ mod tests {
                 "{place:?}"
             );
         }
-        // It hangs on belt b first, coasts on along belt a, and stops at that end.
+        // Belt b holds it first, coasts on along belt a, and stops at that end.
         let place = belts([memory[0], memory[1]]);
         assert!(0.4 * WIDTH < place[0], "{place:?}");
     }

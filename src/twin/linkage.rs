@@ -333,7 +333,7 @@ impl Linkage {
         carriage
     }
 
-    /// Take the last striker on a spring out, to simulate it beside others.
+    /// Take the last striker on a spring out, to simulate it next to others.
     pub(crate) fn take_striker(&mut self) -> Option<TakenStriker> {
         let parts = self.couplings.iter().enumerate().rev();
         let (index, striker) =

@@ -47,7 +47,7 @@ pub(super) struct Bench<'a, 'b> {
     pub(super) base_held: Point,
     pub(super) base_held_rows: Vec<f64>,
     /// The same of the base twin or, where it leaves less, of the base with a model error that the reference recordings
-    /// showed. What an effect removes must be new.
+    /// showed. The gain of an effect must be new.
     known_held_rows: Vec<f64>,
 }
 
@@ -68,8 +68,7 @@ impl<'a, 'b> View<'a, 'b> {
 
     /// Scaled residual of `twin`.
     fn rows(&self, twin: &Twin) -> Vec<f64> {
-        let point = fit::on(self.problem, twin, &self.scales);
-        self.problem.whitened(&point, &self.scales)
+        fit::residual_on(self.problem, twin, &self.scales)
     }
 
     /// Return whether the stage prefers the base to `twin` beyond chance.
@@ -91,15 +90,13 @@ impl<'a, 'b> Bench<'a, 'b> {
         let seen = seen.filter(|problem| required_gain.any_signal && !problem.parts.is_empty());
         let base_held = fit::on(held_out, &base.point.twin, filters);
         let base_held_rows = held_out.whitened(&base_held, filters);
-        let rows_of = |twin: &Twin| held_out.whitened(&fit::on(held_out, twin, filters), filters);
-        let with_model_error = required_gain.with_model_errors(&base.point.twin);
-        let (known_twin, known_held_rows) =
-            in_parallel(&with_model_error, |twin| (twin.clone(), rows_of(twin))).into_iter().fold(
-                (base.point.twin.clone(), base_held_rows.clone()),
-                |best, own| {
-                    if fit::squared(&own.1) < fit::squared(&best.1) { own } else { best }
-                },
-            );
+        let twins = required_gain.with_model_errors(&base.point.twin);
+        let rows = in_parallel(&twins, |twin| fit::residual_on(held_out, twin, filters));
+        let as_base = (base.point.twin.clone(), base_held_rows.clone());
+        let (known_twin, known_held_rows) = std::iter::once(as_base)
+            .chain(twins.into_iter().zip(rows))
+            .min_by(|(_, one), (_, other)| fit::squared(one).total_cmp(&fit::squared(other)))
+            .expect("the base is one of them");
         Self {
             train,
             held_out,

@@ -42,7 +42,7 @@ impl Bench<'_, '_> {
     }
 
     /// Return whether `parts` of the effect of `trial` change the prediction more than the rest of it, all else as fitted,
-    /// and the data need them beyond chance. What a refit leaves of the gain does not decide: a spring that is far softer,
+    /// and the data need them beyond chance. The gain that a refit leaves does not decide: a spring that is far softer,
     /// with much damping, follows a course as late as a striker with friction.
     fn carry_most(&self, trial: &Trial, parts: &[Slot]) -> bool {
         let own = slots_of_last(&trial.fit.point.twin);
@@ -64,12 +64,12 @@ impl Bench<'_, '_> {
         let slots = trial.fit.slots.iter().copied();
         let others: Vec<Slot> = slots.filter(|slot| !parts.contains(slot)).collect();
         let refitted = fit::fit(self.train, rest, &others, self.filters, PARTS_ITERATIONS).point;
-        let needs = |problem: &Problem<'_>, point: &Point, with: &[f64]| {
-            self.thresholds().is_in(&problem.whitened(point, self.filters), with, &problem.blocks())
+        let needs = |problem: &Problem<'_>, without: &[f64], with: &[f64]| {
+            self.thresholds().is_in(without, with, &problem.blocks())
         };
-        let held_out = || fit::on(self.held_out, &refitted.twin, self.filters);
+        let held_out = || fit::residual_on(self.held_out, &refitted.twin, self.filters);
         (self.held_out.parts.is_empty() || needs(self.held_out, &held_out(), &trial.held_rows))
-            && needs(self.train, &refitted, &trial.train_rows)
+            && needs(self.train, &rows(&refitted), &trial.train_rows)
     }
 
     /// Return whether the data prefer the effect multiplied by the speed to the effect as its physics states it. An effect
@@ -83,10 +83,8 @@ impl Bench<'_, '_> {
         for slot in slots_of_last(&trial.fit.point.twin) {
             twin.set_to_null(slot);
         }
-        let without = |problem: &Problem<'_>| {
-            problem.whitened(&fit::on(problem, &twin, self.filters), self.filters)
-        };
-        let [train, held] = [without(self.train), without(self.held_out)];
+        let [train, held] = [self.train, self.held_out]
+            .map(|problem| fit::residual_on(problem, &twin, self.filters));
         speed_dependence::grows_with_speed([
             SessionResiduals { problem: self.train, without: &train, with: &trial.train_rows },
             SessionResiduals { problem: self.held_out, without: &held, with: &trial.held_rows },

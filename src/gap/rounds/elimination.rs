@@ -596,7 +596,6 @@ mod tests {
         }
     }
 
-    /// The interval of a magnitude in saturation contains zero, although the effect explains a third of the residual.
     #[test]
     fn a_smaller_effect_needs_a_smaller_p_value() {
         assert_eq!([1.0, 0.5, 0.1].map(share), [1.0, 0.25, 0.1_f64.powi(2)]);
@@ -604,6 +603,7 @@ mod tests {
         assert_eq!([share(-0.3), share(1.5)], [0.0, 1.0]);
     }
 
+    /// The interval of a magnitude in saturation contains zero, although the effect explains a third of the residual.
     #[test]
     fn several_parameters_are_judged_by_the_residual_without_them() {
         let remains = |name: &str| {

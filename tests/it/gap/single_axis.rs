@@ -400,7 +400,7 @@ fn the_weight_of_an_arm_and_its_payload_are_identified() {
     }
 }
 
-/// Within a radian, a spring stands in for the weight until the Stribeck friction has been added.
+/// Within a radian, a spring imitates the weight until the Stribeck friction has been added.
 #[test]
 fn a_spring_that_stood_in_for_the_weight_of_an_arm_is_removed() {
     const TOLERANCE: f64 = 0.1;
