@@ -50,6 +50,7 @@ pub use expression::{
 };
 pub use file::{EffectsFileError, read_effects};
 pub(crate) use first_order::follow;
+pub(crate) use gantry::endstop::free_range;
 pub(crate) use impact::wall_friction_spin::spin_ratio;
 pub(crate) use oscillator::Oscillator;
 pub use physics::{

@@ -195,7 +195,7 @@ pub struct ReferenceResidual {
 
 /// Model error of a fitted twin, expressed as an effect that is not there: the effect explains a small fraction of the
 /// residual on the reference recordings. In later recordings the effect must explain more.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Discrepancy {
     /// The stage on which the effect was tried.
     pub stage: StageKind,
@@ -205,20 +205,9 @@ pub struct Discrepancy {
     pub explained_fraction: f64,
     /// Estimated offset of each parameter from its value without the effect, in the parameter's unit, bounds ignored.
     /// Recordings of this machine cannot determine a smaller offset. Empty where it was not estimated.
-    #[serde(default)]
     pub parameter_offsets: Vec<f64>,
     /// The effect as it was fitted; `None` where it was not simulated or failed a check that does not concern its size.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub fitted: Option<FittedEffect>,
-}
-
-/// Effect as it was fitted to the reference recordings.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct FittedEffect {
-    /// Axis on which it acted.
-    pub location: Axis,
-    /// Values of its parameters, in their units.
-    pub values: Vec<f64>,
+    pub fitted: Option<Instance>,
 }
 
 /// Measurement noise of the camera about a fitted twin.

@@ -8,14 +8,12 @@ use super::{
     fit,
     problem::{Point, Problem},
     rounds::{Outcome, Reason},
-    screen,
+    screen::Candidate,
     thresholds::Thresholds,
 };
 use crate::{
-    effects::{Domain, Effect, Physics, find},
-    twin::{
-        Channel, Discrepancy, FittedEffect, Instance, Machine, ReferenceResidual, StageKind, Twin,
-    },
+    effects::{Domain, Effect, Physics},
+    twin::{Channel, Discrepancy, Instance, Machine, ReferenceResidual, Source, StageKind, Twin},
 };
 
 /// Excess of the recordings over the reference residuals, as fractions of the squared residual.
@@ -232,13 +230,13 @@ impl<'t> RequiredGain<'t> {
     pub(super) fn with_model_errors(&self, base: &Twin) -> Vec<Twin> {
         let of_stage = self.discrepancy.iter().filter(|own| own.stage == self.stage);
         let with = |own: &Discrepancy| {
-            let (effect, fitted) = (find(&own.effect)?, own.fitted.as_ref()?);
-            let is_in = base.instances.iter().any(|instance| {
-                instance.effect == effect && instance.axis.overlaps(fitted.location)
-            });
-            let is_complete = fitted.values.len() == effect.parameters.len();
-            (is_complete && !is_in)
-                .then(|| screen::with(base, effect, fitted.location, &fitted.values))
+            let fitted = own.fitted.as_ref()?;
+            let is_same = |other: &Instance| {
+                other.effect.name == fitted.effect.name && other.axis.overlaps(fitted.axis)
+            };
+            let mut twin = base.clone();
+            twin.instances.push(fitted.clone());
+            (!base.instances.iter().any(is_same)).then_some(twin)
         };
         of_stage.filter_map(with).collect()
     }
@@ -295,11 +293,12 @@ pub(super) fn note_discrepancy(twin: &mut Twin, outcome: &Outcome<'_>) {
             .validation_gain
             .map_or(rejected.candidate.explained_fraction, |gain| gain.max(0.0)),
         parameter_offsets: rejected.candidate.parameter_offsets.clone(),
-        fitted: rejected
-            .values
-            .clone()
-            .filter(|_| rejected.reason == Reason::TooSmall)
-            .map(|values| FittedEffect { location: rejected.candidate.axis, values }),
+        fitted: rejected.values.clone().filter(|_| rejected.reason == Reason::TooSmall).map(
+            |values| {
+                let Candidate { effect, axis, .. } = rejected.candidate;
+                Instance::new(effect, axis, &values, Source::Fitted)
+            },
+        ),
     });
     let is_absent =
         |own: &&Discrepancy| !outcome.added.iter().any(|step| step.effect.name == own.effect);

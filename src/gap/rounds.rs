@@ -19,6 +19,7 @@ use crate::twin::{Discrepancy, Machine, Slot, StageKind, Twin};
 mod alignment;
 mod elimination;
 mod exchange;
+mod few_changes;
 mod note;
 mod outcome;
 mod refit;

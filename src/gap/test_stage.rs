@@ -150,6 +150,10 @@ impl<F: Fn(&Twin, f64) -> f64 + Sync> Stage for TestStage<F> {
         true
     }
 
+    fn positions_along(&self, _axis: Axis, _twin: &Twin) -> Vec<f64> {
+        self.position.clone().unwrap_or_default()
+    }
+
     fn regressor(&self, regressor: Regressor) -> Option<Vec<f64>> {
         self.position.clone().filter(|_| regressor == Regressor::Position)
     }

@@ -27,7 +27,7 @@ pub use load::AxisError;
 pub(super) use load::{INPUT_UNITS, POSITION_UNITS, position_unit, resampled, unit_of};
 
 use super::{Channel, Stage, StageKind, Twin, axis_frame::MotionSums};
-use crate::effects::{Domain, Effect, InputKind, Motion, Physics, Regressor, Resonance};
+use crate::effects::{Axis, Domain, Effect, InputKind, Motion, Physics, Regressor, Resonance};
 use chain::Chain;
 use filter::{Decimation, derivative};
 use signals::{Signals, each_segment};
@@ -436,6 +436,11 @@ impl Stage for AxisStage {
             _ => true,
         };
         is_possible && !is_loaded && Chain::calls(&effect.physics, self.input_kind)
+    }
+
+    fn positions_along(&self, _axis: Axis, twin: &Twin) -> Vec<f64> {
+        let origin = twin.position_origin();
+        self.signals.position.iter().map(|position| position - origin).collect()
     }
 
     fn regressor(&self, regressor: Regressor) -> Option<Vec<f64>> {

@@ -2,12 +2,12 @@
 //! interval.
 
 use super::{
-    AxisFrame, Discrepancy, Instance, Machine, MeasurementNoise, ReferenceResidual, Source, Twin,
-    Value,
+    AxisFrame, Discrepancy, Instance, Machine, MeasurementNoise, ReferenceResidual, Source,
+    StageKind, Twin, Value,
     axis::{INPUT_UNITS, POSITION_UNITS},
 };
 use crate::{
-    effects::{self, Axis, AxisScales, Definition, DefinitionError},
+    effects::{self, Axis, AxisScales, Definition, DefinitionError, Parameter},
     recording::{ExistingFile, RecordingError, write_bytes},
 };
 use serde::{Deserialize, Serialize};
@@ -137,7 +137,7 @@ struct Document {
     #[serde(default)]
     reference_residuals: Vec<ReferenceResidual>,
     #[serde(default)]
-    discrepancy: Vec<Discrepancy>,
+    discrepancy: Vec<DiscrepancyEntry>,
     #[serde(default)]
     measurement_noise: Vec<MeasurementNoise>,
     #[serde(default)]
@@ -245,10 +245,23 @@ struct ParameterEntry {
     ci95: Option<[f64; 2]>,
 }
 
-/// Definitions of the effects of the user in `twin`, each once.
+#[derive(Serialize, Deserialize)]
+struct DiscrepancyEntry {
+    stage: StageKind,
+    effect: String,
+    explained_fraction: f64,
+    #[serde(default)]
+    parameter_offsets: Vec<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    fitted: Option<EffectEntry>,
+}
+
+/// Definitions of the effects of the user in `twin`, and among its model errors, each once.
 fn defined_effects(twin: &Twin) -> Vec<Definition> {
     let mut definitions: Vec<Definition> = Vec::new();
-    for own in twin.instances.iter().filter_map(|instance| instance.effect.definition()) {
+    let of_errors = twin.discrepancy.iter().filter_map(|own| own.fitted.as_ref());
+    let all = twin.instances.iter().chain(of_errors);
+    for own in all.filter_map(|instance| instance.effect.definition()) {
         if !definitions.contains(own) {
             definitions.push(own.clone());
         }
@@ -258,28 +271,6 @@ fn defined_effects(twin: &Twin) -> Vec<Definition> {
 
 impl Document {
     fn of(twin: &Twin) -> Self {
-        let effects = twin
-            .instances
-            .iter()
-            .map(|instance| EffectEntry {
-                name: instance.effect.name.to_owned(),
-                location: instance.axis,
-                parameters: instance
-                    .effect
-                    .parameters
-                    .iter()
-                    .zip(&instance.values)
-                    .map(|(parameter, value)| ParameterEntry {
-                        name: parameter.name.to_owned(),
-                        value: value.value,
-                        unit: parameter.unit.to_owned(),
-                        bounds: Some([parameter.bounds.0, parameter.bounds.1]),
-                        source: value.source,
-                        ci95: value.ci95,
-                    })
-                    .collect(),
-            })
-            .collect();
         Self {
             schema_version: SCHEMA_VERSION,
             machine: twin.machine,
@@ -288,9 +279,9 @@ impl Document {
             controller_reference_mass_kg: twin.controller_reference_mass,
             axis: twin.axis_frame.as_ref().map(AxisEntry::of),
             defined_effects: defined_effects(twin),
-            effects,
+            effects: twin.instances.iter().map(EffectEntry::of).collect(),
             reference_residuals: twin.reference_residuals.clone(),
-            discrepancy: twin.discrepancy.clone(),
+            discrepancy: twin.discrepancy.iter().map(DiscrepancyEntry::of).collect(),
             measurement_noise: twin.measurement_noise.clone(),
             fitted_to_sha256: twin.fitted_to.clone(),
         }
@@ -318,11 +309,11 @@ impl Document {
             effects::define(definition)
                 .map_err(|source| TwinError::Definition { path: path.to_owned(), source })?;
         }
-        let instances = self
-            .effects
-            .into_iter()
-            .map(|entry| entry.into_instance(path, self.machine, axis_frame.as_ref()))
-            .collect::<Result<_, _>>()?;
+        let instance =
+            |entry: EffectEntry| entry.into_instance(path, self.machine, axis_frame.as_ref());
+        let instances = self.effects.into_iter().map(instance).collect::<Result<_, _>>()?;
+        let discrepancy = self.discrepancy.into_iter().map(|own| own.read(instance));
+        let discrepancy = discrepancy.collect::<Result<_, _>>()?;
         Ok(Twin {
             machine: self.machine,
             striker_mass: self.striker_mass_kg,
@@ -331,14 +322,59 @@ impl Document {
             axis_frame,
             instances,
             reference_residuals: self.reference_residuals,
-            discrepancy: self.discrepancy,
+            discrepancy,
             measurement_noise: self.measurement_noise,
             fitted_to: self.fitted_to_sha256,
         })
     }
 }
 
+impl DiscrepancyEntry {
+    fn of(own: &Discrepancy) -> Self {
+        let Discrepancy { stage, effect, explained_fraction, parameter_offsets, fitted } = own;
+        Self {
+            stage: *stage,
+            effect: effect.clone(),
+            explained_fraction: *explained_fraction,
+            parameter_offsets: parameter_offsets.clone(),
+            fitted: fitted.as_ref().map(EffectEntry::of),
+        }
+    }
+
+    /// The model error, where `instance` reads an effect.
+    fn read(
+        self,
+        instance: impl Fn(EffectEntry) -> Result<Instance, TwinError>,
+    ) -> Result<Discrepancy, TwinError> {
+        let Self { stage, effect, explained_fraction, parameter_offsets, fitted } = self;
+        let fitted = fitted.map(instance).transpose()?;
+        Ok(Discrepancy { stage, effect, explained_fraction, parameter_offsets, fitted })
+    }
+}
+
 impl EffectEntry {
+    fn of(instance: &Instance) -> Self {
+        let parameter = |(parameter, value): (&Parameter, &Value)| ParameterEntry {
+            name: parameter.name.to_owned(),
+            value: value.value,
+            unit: parameter.unit.to_owned(),
+            bounds: Some([parameter.bounds.0, parameter.bounds.1]),
+            source: value.source,
+            ci95: value.ci95,
+        };
+        Self {
+            name: instance.effect.name.to_owned(),
+            location: instance.axis,
+            parameters: instance
+                .effect
+                .parameters
+                .iter()
+                .zip(&instance.values)
+                .map(parameter)
+                .collect(),
+        }
+    }
+
     fn into_instance(
         self,
         path: &str,
@@ -452,7 +488,7 @@ pub fn write_twin(twin: &Twin, path: &Path) -> Result<(), RecordingError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::twin::{Estimate, FittedEffect, StageKind};
+    use crate::twin::Estimate;
 
     /// The built-in twin of a table as its file, without the `parameter` of the effect `name`.
     fn without(name: &str, parameter: &str) -> Result<Twin, TwinError> {
@@ -534,6 +570,26 @@ mod tests {
     }
 
     #[test]
+    fn the_fit_of_a_model_error_is_complete() {
+        let with_fitted = |parameters: serde_json::Value| {
+            let fitted = serde_json::json!({
+                "name": "drive.lag1", "location": "a+b", "parameters": parameters,
+            });
+            let own = serde_json::json!({
+                "stage": "drive", "effect": "drive.lag1", "explained_fraction": 0.01, "fitted": fitted,
+            });
+            with("discrepancy", serde_json::json!([own]))
+        };
+        let parameter = |value: f64| serde_json::json!([{ "name": "time_constant_s", "value": value, "source": "fitted" }]);
+        let fitted = with_fitted(parameter(2e-4)).unwrap().discrepancy.remove(0).fitted.unwrap();
+        assert_eq!((fitted.axis, fitted.numbers()), (Axis::Motors, vec![2e-4]));
+        let error = with_fitted(serde_json::json!([])).unwrap_err().to_string();
+        assert_eq!(error, "twin.json: drive.lag1.time_constant_s is missing");
+        let error = with_fitted(parameter(1e3)).unwrap_err().to_string();
+        assert!(error.starts_with("twin.json: drive.lag1.time_constant_s is 1000;"), "{error}");
+    }
+
+    #[test]
     fn a_twin_survives_its_file() {
         let mut twin = Twin::nominal(Machine::Table);
         twin.belt_metres_per_turn = 0.05;
@@ -548,7 +604,12 @@ mod tests {
             effect: "drive.lag1".to_owned(),
             explained_fraction: 0.03,
             parameter_offsets: vec![2e-5],
-            fitted: Some(FittedEffect { location: Axis::Motors, values: vec![2e-5] }),
+            fitted: Some(Instance::new(
+                effects::find("drive.lag1").unwrap(),
+                Axis::Motors,
+                &[2e-5],
+                Source::Fitted,
+            )),
         });
         let estimate = |value| Estimate { value, standard_error: 0.1 * value };
         twin.measurement_noise.push(MeasurementNoise {

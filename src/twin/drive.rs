@@ -128,6 +128,15 @@ impl Stage for DriveStage {
         channels.flat_map(of).collect()
     }
 
+    fn positions_along(&self, axis: Axis, _twin: &Twin) -> Vec<f64> {
+        let positions = self.path.iter().flat_map(MeasuredPath::positions);
+        match axis {
+            Axis::X => positions.map(|position| position[0]).collect(),
+            Axis::Y => positions.map(|position| position[1]).collect(),
+            _ => Vec::new(),
+        }
+    }
+
     fn lot(&self, twin: &Twin) -> usize {
         usize::from(twin.instances.iter().any(|own| own.spring().is_some()))
     }

@@ -156,6 +156,11 @@ pub trait Stage: Sync {
         positions.filter(|position| position.is_finite()).collect()
     }
 
+    /// Positions along `axis`, counted as in the effects of `twin`; none where the stage does not know them.
+    fn positions_along(&self, _axis: Axis, _twin: &Twin) -> Vec<f64> {
+        Vec::new()
+    }
+
     /// [`predict`](Self::predict) of a stage that implements [`predict_each`](Self::predict_each).
     fn predict_alone(&self, twin: &Twin, nuisance: &[Vec<f64>], predicted: &mut [Vec<f64>]) {
         let mut all = [predicted.iter_mut().map(std::mem::take).collect()];

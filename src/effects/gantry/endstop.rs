@@ -1,6 +1,7 @@
 //! Elastic contact at the ends of the travel.
 
 use crate::effects::{Domain, Effect, Parameter, Physics, Regressor, Signal, Site};
+use std::ops::Range;
 
 const END: Parameter = Parameter {
     name: "low_m",
@@ -76,6 +77,11 @@ pub(crate) static ENDSTOP: Effect = Effect {
     confused_with: &["drive.friction.position", "gantry.stiffness"],
     reference: "penalty model of a unilateral contact: Brogliato 2016, Nonsmooth Mechanics",
 };
+
+/// Positions between both ends, where no end pushes; `None` for another effect.
+pub(crate) fn free_range(effect: &Effect, values: &[f64]) -> Option<Range<f64>> {
+    (effect.name == ENDSTOP.name).then(|| values[1]..values[2])
+}
 
 #[cfg(test)]
 mod tests {

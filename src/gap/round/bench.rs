@@ -343,12 +343,12 @@ fn training_blocks(train: &Problem<'_>) -> String {
 mod tests {
     use super::*;
     use crate::{
-        effects::Axis,
+        effects::{Axis, find},
         gap::{
             known::AtFloor,
             test_stage::{TestStage, axis_of_frequency, candidate, first_parameters, sines, with},
         },
-        twin::{Discrepancy, FittedEffect, Stage, StageKind},
+        twin::{Discrepancy, Instance, Source, Stage, StageKind},
     };
 
     const FREQUENCY_HZ: f64 = 5.0;
@@ -421,10 +421,11 @@ mod tests {
         let [_, lagging] = twins();
         let validation = stage(&lagging, 5);
         let objection = |lag: Option<f64>| {
-            let fitted = |lag| FittedEffect { location: Axis::Single, values: vec![lag] };
+            let effect = find("drive.lag1").unwrap();
+            let fitted = |lag| Instance::new(effect, Axis::Single, &[lag], Source::Fitted);
             let discrepancy = Discrepancy {
                 stage: StageKind::Camera,
-                effect: "drive.lag1".to_owned(),
+                effect: effect.name.to_owned(),
                 explained_fraction: 1e-3,
                 parameter_offsets: Vec::new(),
                 fitted: lag.map(fitted),

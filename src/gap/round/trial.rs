@@ -2,6 +2,7 @@
 
 use super::{slots_of_last, values_of_last};
 use crate::{
+    effects::free_range,
     gap::{
         fit::Fit,
         problem::{Point, Problem},
@@ -81,15 +82,33 @@ pub(super) fn is_bend(train: &Problem<'_>, fit: &Fit) -> bool {
     period.is_some_and(|period| train.longest_period(twin.machine) < period)
 }
 
-/// Name of the first parameter of the added effect that stopped on a bound, or beyond the periods that are scanned for. A
-/// later parameter may have no influence, or a bound that is itself plausible (contacts that do not creep).
+/// Name of the end of the travel that the added effect pushes at every position of the recordings. From there, an end stop
+/// is a force that hardly changes, like that of a tilt.
+fn never_left(train: &Problem<'_>, twin: &Twin) -> Option<String> {
+    let last = twin.instances.last()?;
+    let free = free_range(last.effect, &last.numbers())?;
+    let stages = train.parts.iter().map(|part| part.stage);
+    let all: Vec<f64> = stages
+        .flat_map(|stage| stage.positions_along(last.axis, twin))
+        .filter(|own| own.is_finite())
+        .collect();
+    let is_below = all.iter().all(|position| *position <= free.start);
+    let is_left = all.is_empty() || all.iter().any(|position| free.contains(position));
+    let end = if is_below { 1 } else { 2 };
+    (!is_left).then(|| last.effect.parameters[end].name.to_owned())
+}
+
+/// Name of the first parameter of the added effect that stopped on a bound, beyond the periods that are scanned for, or
+/// beyond the travel. A later parameter may have no influence, or a bound that is itself plausible (contacts that do not
+/// creep).
 pub(super) fn on_bound(train: &Problem<'_>, fit: &Fit) -> Option<String> {
     let twin = &fit.point.twin;
     let bend = || {
         let effect = twin.instances.last().filter(|_| is_bend(train, fit))?.effect;
         Some(effect.parameters[effect.scanned_parameter()?].name.to_owned())
     };
-    on_bound_of(twin, slots_of_last(twin)).map(|(_, name)| name).or_else(bend)
+    let on_bound = on_bound_of(twin, slots_of_last(twin)).map(|(_, name)| name);
+    on_bound.or_else(bend).or_else(|| never_left(train, twin))
 }
 
 /// The same for an effect with these slots.
@@ -151,6 +170,22 @@ mod tests {
         assert_eq!(bound(&stage, 0.09), None);
         assert_eq!(bound(&stage, 0.11), Some("period_m".to_owned()));
         assert_eq!(bound(&standing, 0.11), None, "its travel is not known");
+    }
+
+    #[test]
+    fn an_end_stop_that_is_never_left_is_on_its_bound() {
+        let stage = TestStage::drive(vec![0.0; 500], |_, _| 0.0).along(0.2);
+        let train = Problem::new(&[&stage as _], &Twin::nominal(Machine::Table));
+        let bound = |ends: [f64; 2]| {
+            on_bound(&train, &ended("gantry.endstop", Axis::Y, &[1e3, ends[0], ends[1]]))
+        };
+        assert_eq!(bound([-2.0, 0.15]), None);
+        assert_eq!(bound([0.6, 2.0]), Some("low_m".to_owned()));
+        assert_eq!(bound([-2.0, -0.1]), Some("high_m".to_owned()));
+        // Where nobody knows the positions, the end may be anywhere.
+        let nothing = Problem::new(&[], &Twin::nominal(Machine::Table));
+        let outside = ended("gantry.endstop", Axis::Y, &[1e3, 0.6, 2.0]);
+        assert_eq!(on_bound(&nothing, &outside), None);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use crate::{
         whiten::Filters,
     },
     stats::t_quantile,
-    twin::{Discrepancy, FittedEffect, Instance, Machine, Slot, Twin},
+    twin::{Discrepancy, Instance, Machine, Slot, Twin},
 };
 
 /// Elimination candidates that are fitted to convergence. A larger number costs one fit each per step.
@@ -427,7 +427,7 @@ impl Search<'_> {
             effect: step.effect.name.to_owned(),
             explained_fraction,
             parameter_offsets: instance.numbers().into_iter().enumerate().map(offset).collect(),
-            fitted: Some(FittedEffect { location: step.axis, values: instance.numbers() }),
+            fitted: Some(instance.clone()),
         })
     }
 }
