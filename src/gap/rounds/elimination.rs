@@ -20,6 +20,9 @@ use crate::{
 /// Elimination candidates that are fitted to convergence. A larger number costs one fit each per step.
 const MOST_REFITTED: usize = 2;
 
+/// Most iterations of a fit without an effect. The others may have compensated for it, far from where they belong.
+const WITHOUT_ITERATIONS: usize = 20;
+
 impl Search<'_> {
     /// Backward elimination: remove the least needed effect, refit, repeat; return whether any was removed. An effect
     /// is needed if the residual without it, all other parameters refitted, grows beyond chance and by the required
@@ -399,7 +402,7 @@ impl Search<'_> {
     pub(super) fn without(&self, step: &Added) -> (Fit, Filters) {
         let mut rest = self.best.clone();
         remove_from(&mut rest, step);
-        fit::converge(&self.train, rest.point, &rest.slots, 5)
+        fit::fit_from_distant_start(&self.train, rest.point, &rest.slots, WITHOUT_ITERATIONS)
     }
 
     /// Remove `step` for `reason`; `rest` is the fit of everything else.
