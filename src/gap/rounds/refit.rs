@@ -70,7 +70,11 @@ fn contradict(
         let point = companions.start(twin.clone());
         fit::fit(companions, point, &own(twin), &scales, RESTART_ITERATIONS).point.twin
     };
-    View::new(companions, &fitted(start)).contradicts(&fitted(refitted))
+    let start = fitted(start);
+    // From the same values: fits from others may end in other minima.
+    let mut refitted = refitted.clone();
+    own(&refitted).into_iter().for_each(|slot| refitted.set(slot, start.get(slot)));
+    View::new(companions, &start).contradicts(&fitted(&refitted))
 }
 
 /// Fit all known parameters; outliers and one-off disturbances of the rough fit are excluded from then on.
