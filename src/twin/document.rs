@@ -256,12 +256,10 @@ struct DiscrepancyEntry {
     fitted: Option<EffectEntry>,
 }
 
-/// Definitions of the effects of the user in `twin`, and among its model errors, each once.
+/// Definitions of the effects of the user in `twin`, each once.
 fn defined_effects(twin: &Twin) -> Vec<Definition> {
     let mut definitions: Vec<Definition> = Vec::new();
-    let of_errors = twin.discrepancy.iter().filter_map(|own| own.fitted.as_ref());
-    let all = twin.instances.iter().chain(of_errors);
-    for own in all.filter_map(|instance| instance.effect.definition()) {
+    for own in twin.instances.iter().filter_map(|instance| instance.effect.definition()) {
         if !definitions.contains(own) {
             definitions.push(own.clone());
         }
@@ -332,12 +330,14 @@ impl Document {
 impl DiscrepancyEntry {
     fn of(own: &Discrepancy) -> Self {
         let Discrepancy { stage, effect, explained_fraction, parameter_offsets, fitted } = own;
+        // The user may define an effect in another way before the twin is read again.
+        let fitted = fitted.as_ref().filter(|own| own.effect.definition().is_none());
         Self {
             stage: *stage,
             effect: effect.clone(),
             explained_fraction: *explained_fraction,
             parameter_offsets: parameter_offsets.clone(),
-            fitted: fitted.as_ref().map(EffectEntry::of),
+            fitted: fitted.map(EffectEntry::of),
         }
     }
 
