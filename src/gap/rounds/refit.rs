@@ -20,6 +20,9 @@ const OTHER_STARTS: usize = 2;
 /// Iterations of a fit from another start.
 const RESTART_ITERATIONS: usize = 12;
 
+/// Iterations of each fit of all known parameters from the given values.
+const DISTANT_ITERATIONS: usize = 15;
+
 /// Exclude outliers (single samples) and one-off disturbances of the training and validation sessions, each with its
 /// point.
 pub(super) fn exclude_outliers<'a>(
@@ -84,15 +87,28 @@ fn refit<'a>(
     held_out: &mut Problem<'a>,
     (given, slots): (&Point, &[Slot]),
 ) -> (Fit, Filters) {
-    let start = match given.twin.reference_residuals.is_empty() {
-        true => given.clone(),
-        false => few_changes::start(train, given, slots),
-    };
-    let (rough, filters) = fit::fit_from_distant_start(train, start, slots, 15);
+    let (rough, filters) = distant_fit(train, given, slots);
     let validated = fit::on(held_out, &rough.point.twin, &filters);
     exclude_outliers(kind, (train, &rough.point), (held_out, &validated));
     let (best, filters) = fit::converge(train, rough.point, slots, 10);
     multistart(train, (best, filters), given)
+}
+
+/// Fit of all known parameters from the given values. Where that leaves more than the reference residual, the fit from
+/// [few changes](few_changes) if it leaves clearly less: an effect that is missing may resemble a change.
+fn distant_fit(train: &Problem<'_>, given: &Point, slots: &[Slot]) -> (Fit, Filters) {
+    let found = fit::fit_from_distant_start(train, given.clone(), slots, DISTANT_ITERATIONS);
+    let (twin, thresholds) = (&given.twin, train.thresholds());
+    let excess = excess(twin, [(train, &found.0.point)]);
+    if twin.reference_residuals.is_empty() || thresholds.is_at_reference(excess) {
+        return found;
+    }
+    let start = few_changes::start(train, given, slots);
+    let other = fit::fit_from_distant_start(train, start, slots, DISTANT_ITERATIONS);
+    let scales = train.filters(&found.0.point, whiten::scale_filters);
+    let loss = |fit: &Fit| fit::squared(&train.whitened(&fit.point, &scales));
+    let is_less = loss(&other.0) < (1.0 - thresholds.clear_gain) * loss(&found.0);
+    if is_less { other } else { found }
 }
 
 /// The fit `found`, or that of a better start (multistart).
