@@ -428,7 +428,7 @@ impl Effect {
         0.0 < low && self.null[parameter] == high
     }
 
-    /// Return whether a parameter only comes beside the effect: it is zero without it, and at every start of a search.
+    /// Return whether a parameter is only an addition to the effect: it is zero without it, and at every start of a search.
     #[must_use]
     pub fn is_optional(&self, parameter: usize) -> bool {
         0 < parameter
@@ -437,8 +437,8 @@ impl Effect {
             && self.probes.iter().all(|probe| probe[parameter] == 0.0)
     }
 
-    /// Effect to which a change of `parameter` belongs: an optional parameter is the size of an effect that comes beside
-    /// this one, such as the friction of a striker on a soft magnet.
+    /// Effect to which a change of `parameter` belongs. An optional parameter is the size of an effect that acts in addition
+    /// to this one, such as the friction of a striker on a soft magnet.
     #[must_use]
     pub fn effect_of_parameter(&self, parameter: usize) -> &'static str {
         let own = &self.parameters[parameter];

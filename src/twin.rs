@@ -265,7 +265,7 @@ impl Twin {
         self.instances.iter().find(|found| found.effect.name == effect && found.axis == axis)
     }
 
-    /// Whether `effect` acts anywhere that `axis` touches.
+    /// Return whether `effect` acts anywhere that `axis` touches.
     #[must_use]
     pub fn has(&self, effect: &str, axis: Axis) -> bool {
         self.instances.iter().any(|found| found.effect.name == effect && found.axis.overlaps(axis))

@@ -8,7 +8,7 @@ use super::{
     fit,
     problem::{Point, Problem},
     rounds::{Outcome, Reason},
-    screen::Candidate,
+    screen::{self, Candidate},
     thresholds::Thresholds,
 };
 use crate::{
@@ -231,12 +231,8 @@ impl<'t> RequiredGain<'t> {
         let of_stage = self.discrepancy.iter().filter(|own| own.stage == self.stage);
         let with = |own: &Discrepancy| {
             let fitted = own.fitted.as_ref()?;
-            let is_same = |other: &Instance| {
-                other.effect.name == fitted.effect.name && other.axis.overlaps(fitted.axis)
-            };
-            let mut twin = base.clone();
-            twin.instances.push(fitted.clone());
-            (!base.instances.iter().any(is_same)).then_some(twin)
+            (!base.has(fitted.effect.name, fitted.axis))
+                .then(|| screen::with(base, fitted.effect, fitted.axis, &fitted.numbers()))
         };
         of_stage.filter_map(with).collect()
     }

@@ -186,7 +186,7 @@ struct Search<'a> {
     /// Twin before the first effect was added, everything fitted.
     before_added: Option<Twin>,
     rejected: Vec<Rejected>,
-    /// What effects that were removed explain.
+    /// Model errors that removed effects explain.
     removed: Vec<Discrepancy>,
     journal: Vec<JournalEntry>,
     /// One-off disturbances that are in the journal.

@@ -415,7 +415,7 @@ impl Search<'_> {
         (self.best, self.filters) = rest;
     }
 
-    /// What the effect of `step` explains of the residual of `rest`, the fit without it; `None` where it explains nothing.
+    /// Part of the residual of `rest`, the fit without the effect of `step`, that this effect explains; `None` where there is none.
     fn discrepancy_along(&self, step: &Added, rest: &Fit) -> Option<Discrepancy> {
         let (with, without) = (self.rows(&self.best), self.rows(rest));
         let kind = usize::from(!with[1].is_empty());

@@ -1,9 +1,10 @@
 //! Start of a refit where a machine has changed since its reference recordings.
 //!
 //! Few of its effects have changed then, and each as a whole. A fit of everything from the given values can end in another
-//! minimum: parameters that have not changed make up for one that changed a lot. So effects are first fitted one at a time,
+//! minimum: parameters that have not changed compensate for one that changed a lot. So effects are first fitted one at a time,
 //! the one that explains most first (forward selection: Miller 2002, Subset Selection in Regression).
 
+use super::refit::at_probe;
 use crate::{
     gap::{
         batch::in_parallel,
@@ -14,7 +15,6 @@ use crate::{
     },
     twin::{Slot, Twin},
 };
-use std::ops::Range;
 
 /// Most effects that are fitted one at a time.
 const MOST_CHANGES: usize = 3;
@@ -66,15 +66,12 @@ fn by_effect(twin: &Twin, slots: &[Slot]) -> Vec<Vec<Slot>> {
 /// the probes of the effect, and their magnitudes with the shape that it has.
 fn alone(train: &Problem<'_>, point: &Point, own: &[Slot], scales: &Filters) -> Fit {
     let effect = point.twin.instances[own[0].instance].effect;
-    let at = |probe: &[f64], parameters: Range<usize>| {
-        let mut point = point.clone();
-        let slots = own.iter().filter(|slot| parameters.contains(&slot.parameter));
-        slots.for_each(|slot| point.twin.set(*slot, probe[slot.parameter]));
-        (fit::squared(&train.whitened(&point, scales)), point)
-    };
+    let magnitudes = || own.iter().filter(|slot| slot.parameter == 0);
     let probes = effect.probes.iter();
+    let starts = probes
+        .flat_map(|probe| [at_probe(point, own, probe), at_probe(point, magnitudes(), probe)]);
     let mut starts: Vec<(f64, Point)> =
-        probes.flat_map(|probe| [at(probe, 0..probe.len()), at(probe, 0..1)]).collect();
+        starts.map(|start| (fit::squared(&train.whitened(&start, scales)), start)).collect();
     starts.sort_by(|a, b| a.0.total_cmp(&b.0));
     let others = starts.into_iter().take(OTHER_STARTS).map(|(_, start)| start);
     let how = fit::How::start(scales, ITERATIONS);
@@ -138,12 +135,7 @@ mod tests {
     #[test]
     fn parameters_of_an_effect_change_together_on_all_axes() {
         let twin = Twin::nominal(Machine::Table);
-        let slots: Vec<Slot> = (0..twin.instances.len())
-            .flat_map(|instance| {
-                let count = twin.instances[instance].values.len();
-                (0..count).map(move |parameter| Slot { instance, parameter })
-            })
-            .collect();
+        let slots = twin.free(&TestStage::drive(Vec::new(), |_, _| 0.0));
         let groups = by_effect(&twin, &slots);
         let name = |slot: &Slot| twin.instances[slot.instance].effect.name;
         assert!(groups.iter().all(|own| own.iter().all(|slot| name(slot) == name(&own[0]))));

@@ -94,8 +94,8 @@ fn refit<'a>(
     multistart(train, (best, filters), given)
 }
 
-/// Fit of all known parameters from the given values. Where that leaves more than the reference residual, the fit from
-/// [few changes](few_changes) if it leaves clearly less: an effect that is missing may resemble a change.
+/// Fit of all known parameters from the given values. If it leaves more than the reference residual, the fit from
+/// [few changes](few_changes) is used where it leaves clearly less: an effect that is missing may resemble a change.
 fn distant_fit(train: &Problem<'_>, given: &Point, slots: &[Slot]) -> (Fit, Filters) {
     let found = fit::fit_from_distant_start(train, given.clone(), slots, DISTANT_ITERATIONS);
     let (twin, thresholds) = (&given.twin, train.thresholds());
@@ -231,15 +231,22 @@ pub(in crate::gap) fn at_null(point: &Point, slot: Slot) -> Option<Point> {
 fn starts_at_probes(as_given: &Point, best: &Fit, given: &Point) -> Vec<Point> {
     let mut starts = Vec::new();
     for index in fitted_instances(best, given) {
-        for probe in given.twin.instances[index].effect.probes {
-            let mut point = as_given.clone();
-            for slot in best.slots.iter().filter(|slot| slot.instance == index) {
-                point.twin.set(*slot, probe[slot.parameter]);
-            }
-            starts.push(point);
-        }
+        let own = || best.slots.iter().filter(|slot| slot.instance == index);
+        let probes = given.twin.instances[index].effect.probes.iter();
+        starts.extend(probes.map(|probe| at_probe(as_given, own(), probe)));
     }
     starts
+}
+
+/// `point` with the values that a `probe` of their effect has for `slots`.
+pub(super) fn at_probe<'s>(
+    point: &Point,
+    slots: impl IntoIterator<Item = &'s Slot>,
+    probe: &[f64],
+) -> Point {
+    let mut point = point.clone();
+    slots.into_iter().for_each(|slot| point.twin.set(*slot, probe[slot.parameter]));
+    point
 }
 
 /// Indices of the given instances with a fitted parameter.
@@ -276,6 +283,8 @@ mod tests {
         assert_eq!(contradictions(1.2, 1.0), 0);
         assert_eq!(contradictions(0.9, 1.05), 0);
         assert_eq!(contradictions(1.2, 1.2), 0);
+        let nothing = Problem::new(&[], &twin(1.0));
+        assert!(!contradict(&nothing, |_| Vec::new(), [&twin(1.0), &twin(1.2)]));
     }
 
     #[test]
