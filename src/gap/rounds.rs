@@ -340,6 +340,10 @@ impl Search<'_> {
     fn revise(&mut self, given: &Point, excess: Option<Excess>) -> bool {
         let is_less = self.eliminate_unneeded((&given.twin, excess));
         let is_other = self.exchange(given, excess);
+        // An effect may have compensated for what was wrong in the one that was exchanged.
+        if is_other {
+            self.eliminate_unneeded((&given.twin, excess));
+        }
         let is_fewer = self.eliminate_null();
         let is_minor = self.remove_minor(&given.twin);
         self.remove_with_known_on_bound() || is_minor || is_fewer || is_other || is_less
